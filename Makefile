@@ -10,6 +10,7 @@
 #   make test-traps                                  the tests where an invalid operation or a division by 0 is a signal
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
+#   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
 #   make coverage   lines of the header that the suite runs, room by room
@@ -31,6 +32,7 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 	-Wvla
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
+TEST_INCLUDES = -Ibuild/include $(INCLUDES)
 
 PRODUCTS = softbody needle register
 HEADERS = $(PRODUCTS:%=%.h)
@@ -43,7 +45,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers test check test-float test-cpp test-openmp test-golden test-traps verification sanitize cross bench race \
+.PHONY: all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-traps verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -57,6 +59,15 @@ build/amalgamate: src/amalgamate.c
 AMALGAMATE = build/amalgamate src/$(1)/manifest.txt $(filter src/$(1)/%,$(PARTS))
 $(HEADERS): %.h: build/amalgamate LICENSE $(PARTS)
 	$(call AMALGAMATE,$*)
+
+# The headers without their implementation, new only when a declaration is: what calls the library is then compiled again,
+# and not after each change of a source.
+DECLARATIONS = $(HEADERS:%=build/include/%)
+.PRECIOUS: $(DECLARATIONS)
+build/include/%.h: %.h
+	@mkdir -p $(@D)
+	@sed '/^\#if .*_IMPLEMENTATION_DONE)$$/,/^\#endif \/\* [A-Z]*_IMPLEMENTATION \*\//d' $< >$@.new
+	@cmp -s $@.new $@ && rm $@.new || mv $@.new $@
 
 headers: build/amalgamate
 	$(foreach product,$(PRODUCTS),$(call AMALGAMATE,$(product)) &&) true
@@ -102,10 +113,12 @@ build/calls.h: tests/calls.awk tests/calls.txt $(filter %.h,$(PARTS))
 # One build of the test program: $(call suite,NAME,COMPILER AND FLAGS,COMPILE FLAGS,LINK FLAGS,SUFFIX,TESTS) makes
 # build/NAME/testsSUFFIX of these files, or all.
 define suite
-build/$(1)/%.o: tests/%.c $(HEADERS) $(wildcard tests/*.h examples/*.h) build/flags
+build/$(1)/%.o: tests/%.c $(DECLARATIONS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
-	$(2) -Ibuild/$(1) $(INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
-build/$(1)/implementation.o: override UNIT_CFLAGS =
+	$(2) -Ibuild/$(1) $(TEST_INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
+build/$(1)/implementation.o: tests/implementation.c $(HEADERS) build/flags
+	@mkdir -p $$(@D)
+	$(2) $(INCLUDES) $(3) -c $$< -o $$@
 build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 	@mkdir -p $$(@D)
 	sed -n 's/^CHECK_SUITE(\([a-z0-9_]*\).*/SUITE(\1)/p' $(or $(6),$(TESTS)) >$$@
@@ -239,13 +252,18 @@ LINT_OK += $(patsubst %.c,build/lint/$(1)-$(2)/%.ok,$(LINT_UNITS) $(LINT_UNITS_$
 endef
 $(foreach pair,$(LINTS),$(eval $(call lint,$(word 1,$(subst -, ,$(pair))),$(word 2,$(subst -, ,$(pair))))))
 
-# The rooms as objects of their own, linked into the test program.
+# The rooms as objects of their own, linked into the test program. Each follows the sources it includes, so that a change
+# of one room compiles one room: make dev FILTER="step load".
 SPLIT = $(patsubst src/%.c,build/split/%.o,$(filter %.c,$(PARTS)))
-build/split/%.o: src/%.c $(HEADERS) build/flags
+build/split/%.o: src/%.c build/flags
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD $(UNIT_CFLAGS) -c $< -o $@
+	$(CC) $(CFLAGS) -std=c99 $(C_WARNINGS) -Werror -DSB_SPLIT_BUILD $(UNIT_CFLAGS) -MMD -MP -c $< -o $@
 build/split/tests: $(SPLIT) $(filter-out %/implementation.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -o $@
+-include $(SPLIT:.o=.d)
+
+dev: build/split/tests
+	build/split/tests $(FILTER)
 
 lint: $(LINT_OK) build/split/tests
 	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"

@@ -359,7 +359,7 @@
 #endif /* NDL_API_H */
 
 /* ==== src/needle/rod.h ==== */
-/* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 3.
+/* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 6.
  *
  * A rod is a chain of nodes x_0 (base) ... x_n-1 (tip) and the edges e_j = x_j+1 - x_j between them. Each edge carries
  * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which tells how the rod is turned about its own
@@ -588,7 +588,7 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
 #endif /* NDL_ROD_H */
 
 /* ==== src/needle/tissue_mesh.h ==== */
-/* tissue_mesh: the tissue around a needle, a tet4 mesh whose nodes move and whose topology changes. Floor 4. */
+/* tissue_mesh: the tissue around a needle, a tet4 mesh whose nodes move and whose topology changes. Floor 6. */
 #ifndef NDL_TISSUE_MESH_H
 #define NDL_TISSUE_MESH_H
 
@@ -729,7 +729,7 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 #endif /* NDL_TISSUE_MESH_H */
 
 /* ==== src/needle/remesh.h ==== */
-/* remesh: keeps a node of the tissue at the tip of every needle, and a path of edges along what is inserted. Floor 4.
+/* remesh: keeps a node of the tissue at the tip of every needle, and a path of edges along what is inserted. Floor 6.
  * Chapter 9 of Chentanez 2010: node snaps and edge, face and tet splits round the tip, the best of them by the quality
  * of the mesh they leave, and a stack of undone splits, so that the tissue is the original one after the needle. */
 #ifndef NDL_REMESH_H
@@ -837,7 +837,7 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 
 /* ==== src/needle/tissue.h ==== */
 /* tissue: the dynamics of the tissue that needles work in: corotated linear tets whose mesh changes while it moves.
- * Floor 4. */
+ * Floor 6. */
 #ifndef NDL_TISSUE_H
 #define NDL_TISSUE_H
 
@@ -966,7 +966,7 @@ NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j);
 
 /* ==== src/needle/steer.h ==== */
 /* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
- * one that pushes tissue so that a target moves onto a straight needle's path. Floor 5.
+ * one that pushes tissue so that a target moves onto a straight needle's path. Floor 6.
  *
  * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side.
  * With a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no
@@ -1248,7 +1248,7 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 #endif /* NDL_STEER_H */
 
 /* ==== src/needle/couple.h ==== */
-/* couple: one linear system for tissue and rods that stick to it or slip through it. Floor 4, internal but for
+/* couple: one linear system for tissue and rods that stick to it or slip through it. Floor 6, internal but for
  * ndl_contact. Chapters 7 and 8 of Chentanez 2010, in the null-space form. */
 #ifndef NDL_COUPLE_H
 #define NDL_COUPLE_H
@@ -1276,7 +1276,7 @@ typedef struct ndl_couple_info {
 
 /* ==== src/needle/needle.h ==== */
 /* needle: flexible needles in soft tissue. A sleeve feeds, turns and moves a needle; its tip cuts, its shaft sticks and
- * slips, and the tissue's mesh follows. Floor 5. Chapters 7 to 10 of Chentanez 2010.
+ * slips, and the tissue's mesh follows. Floor 6. Chapters 7 to 10 of Chentanez 2010.
  *
  *     ndl_needle_def def = ndl_default_needle_def();
  *     def.tissue = tissue;
@@ -1442,7 +1442,7 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
 #endif /* NDL_NEEDLE_H */
 
 /* ==== src/needle/state.h ==== */
-/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 5. */
+/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 6. */
 #ifndef NDL_STATE_H
 #define NDL_STATE_H
 
@@ -1552,7 +1552,7 @@ NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
 NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
 
 /* ==== src/needle/real3.h ==== */
-/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
+/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 6, internal. A rod is a million times stiffer along
  * itself than across: float holds neither its strains nor its matrices, so rods are computed in double in float
  * builds, too. */
 #ifndef NDL_REAL3_H
@@ -1681,7 +1681,7 @@ SB_INLINE ndli_v3 ndli_m_tapply(const ndli_m3 *a, ndli_v3 v)
 #endif /* NDL_REAL3_H */
 
 /* ==== src/needle/band.h ==== */
-/* band: symmetric positive definite systems of small bandwidth, as chains of nodes make them. Floor 1, internal. */
+/* band: symmetric positive definite systems of small bandwidth, as chains of nodes make them. Floor 6, internal. */
 #ifndef NDL_BAND_H
 #define NDL_BAND_H
 
@@ -1700,7 +1700,7 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b);
 #endif /* NDL_BAND_H */
 
 /* ==== src/needle/image.h ==== */
-/* image: bytes of a saved state. Floor 1, internal.
+/* image: bytes of a saved state. Floor 6, internal.
  *
  * One function per object names its parts in order, whatever for: measuring, writing and reading are the same walk. */
 #ifndef NDL_IMAGE_H
@@ -1847,16 +1847,16 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b)
     }
 }
 
-/* ==== src/needle/rod_state.h ==== */
-/* rod_state: what is inside a rod. Floor 3, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c
+/* ==== src/needle/rod_private.h ==== */
+/* rod_private: what is inside a rod. Floor 6, internal: rod.c keeps it, rod_force.c reads forces from it, rod_step.c
  * moves it; rooms above couple it to tissue and change its nodes.
  *
  * State: x, v, a, director, theta. The directors d_j are a Bishop frame: each is its predecessor carried over by
  * parallel transport, so that the twist at node i is theta_i - theta_i-1. Within a step each edge carries its
  * director with itself instead (that keeps derivatives local); the reference twist that then arises between
  * neighbours is folded into theta when the step is taken (ndli_rod_moved). */
-#ifndef NDL_ROD_STATE_H
-#define NDL_ROD_STATE_H
+#ifndef NDL_ROD_PRIVATE_H
+#define NDL_ROD_PRIVATE_H
 
 
 /* Geometry of a rod in a shape that is tried: all that energies and their derivatives are made of. */
@@ -2063,7 +2063,7 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
 NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int count);
 #endif
 
-#endif /* NDL_ROD_STATE_H */
+#endif /* NDL_ROD_PRIVATE_H */
 
 /* ==== src/needle/rod_force.c ==== */
 /* rod_force: energies of a rod and their derivatives. Formulas: Bergou et al. 2008 and 2010, with the exact gradient of
@@ -7978,8 +7978,8 @@ NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t
     return result;
 }
 
-/* ==== src/needle/tissue_state.h ==== */
-/* tissue_state: what is inside a tissue. Floor 4, internal: tissue_matrix.c keeps the stiffness up to date with mesh
+/* ==== src/needle/tissue_private.h ==== */
+/* tissue_private: what is inside a tissue. Floor 6, internal: tissue_matrix.c keeps the stiffness up to date with mesh
  * and rotations, tissue_precond.c preconditions, tissue_step.c steps; a room above couples rods to it.
  *
  * K is stored by nodes and edges of the mesh. A row holds the blocks right of and left of the diagonal, sorted by
@@ -7989,8 +7989,8 @@ NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t
  * sorted: the sums form in one order whatever the history, and K is a function of the mesh and the rotations, bit by
  * bit. (The other way, subtracting a tet's old blocks and adding the new, drifts.)
  */
-#ifndef NDL_TISSUE_STATE_H
-#define NDL_TISSUE_STATE_H
+#ifndef NDL_TISSUE_PRIVATE_H
+#define NDL_TISSUE_PRIVATE_H
 
 
 /* How a node takes part in a solve. */
@@ -8218,7 +8218,7 @@ NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node);
 NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block);
 #endif
 
-#endif /* NDL_TISSUE_STATE_H */
+#endif /* NDL_TISSUE_PRIVATE_H */
 
 /* ==== src/needle/tissue_matrix.c ==== */
 /* tissue_matrix: rest data, rotations, forces, and the stiffness matrix that follows a mesh whose topology changes. */
@@ -11433,7 +11433,7 @@ NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb
 }
 
 /* ==== src/needle/steer_path.h ==== */
-/* steer_path: poses, helices, and how near paths come to obstacles, in double. Floor 5, internal: the planner's and the
+/* steer_path: poses, helices, and how near paths come to obstacles, in double. Floor 6, internal: the planner's and the
  * controller's. */
 #ifndef NDL_STEER_PATH_H
 #define NDL_STEER_PATH_H
@@ -13025,7 +13025,7 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 }
 
 /* ==== src/needle/couple_line.h ==== */
-/* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
+/* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 6, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
  * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of
@@ -13123,7 +13123,7 @@ NDLI_API void ndli_line_read(ndli_line *line);
 #endif /* NDL_COUPLE_LINE_H */
 
 /* ==== src/needle/couple_solve.h ==== */
-/* couple_solve: friction states and motion of a step. Floor 4, internal. */
+/* couple_solve: friction states and motion of a step. Floor 6, internal. */
 #ifndef NDL_COUPLE_SOLVE_H
 #define NDL_COUPLE_SOLVE_H
 
@@ -13752,12 +13752,12 @@ NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines
     return SB_OK;
 }
 
-/* ==== src/needle/needle_state.h ==== */
-/* needle_state: what is inside a needle, and what the needles of a tissue share. Floor 5, internal: needle.c makes and
+/* ==== src/needle/needle_private.h ==== */
+/* needle_private: what is inside a needle, and what the needles of a tissue share. Floor 6, internal: needle.c makes and
  * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
  * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
-#ifndef NDL_NEEDLE_STATE_H
-#define NDL_NEEDLE_STATE_H
+#ifndef NDL_NEEDLE_PRIVATE_H
+#define NDL_NEEDLE_PRIVATE_H
 
 
 typedef struct ndli_capsule {
@@ -13862,7 +13862,7 @@ NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
 NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
 #endif
 
-#endif /* NDL_NEEDLE_STATE_H */
+#endif /* NDL_NEEDLE_PRIVATE_H */
 
 /* ==== src/needle/needle_sleeve.c ==== */
 /* needle_sleeve: where a needle's sleeve is after a step, and what it feeds and turns. */

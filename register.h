@@ -289,7 +289,7 @@
 #endif /* REG_API_H */
 
 /* ==== src/register/rigid.h ==== */
-/* rigid: rigid motions, and the one that brings points nearest to their partners. Floor 1. */
+/* rigid: rigid motions, and the one that brings points nearest to their partners. Floor 6. */
 #ifndef REG_RIGID_H
 #define REG_RIGID_H
 
@@ -318,7 +318,7 @@ REG_API sb_result reg_rigid_fit(const sb_vec3 *from, const sb_vec3 *to, const sb
 #endif /* REG_RIGID_H */
 
 /* ==== src/register/kdtree.h ==== */
-/* kdtree: nearest points of a cloud. Floor 2.
+/* kdtree: nearest points of a cloud. Floor 6.
  *
  * A balanced tree over a copy of the points, eight to a leaf and side by side there; every node knows the smallest
  * boxes around its halves. Queries allocate and change nothing, so any number of threads may ask at once, and give the
@@ -356,7 +356,7 @@ REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real rad
 #endif /* REG_KDTREE_H */
 
 /* ==== src/register/cloud.h ==== */
-/* cloud: point clouds: files, normals, thinning, outliers. Floor 3.
+/* cloud: point clouds: files, normals, thinning, outliers. Floor 6.
  *
  *     reg_cloud cloud;
  *     if (reg_cloud_load(&cloud, "scan.ply", 1, NULL, &error) != SB_OK) ...
@@ -491,7 +491,7 @@ REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, r
 #endif /* REG_CLOUD_H */
 
 /* ==== src/register/field.h ==== */
-/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
+/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 6. */
 #ifndef REG_FIELD_H
 #define REG_FIELD_H
 
@@ -566,7 +566,7 @@ REG_API int reg_field_sweeps(const reg_field *field);
 #endif /* REG_FIELD_H */
 
 /* ==== src/register/icp.h ==== */
-/* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 4.
+/* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 6.
  *
  *     reg_icp_shape model = {0}, target = {0};       (points and count; best with normals, or a surface)
  *     reg_icp_options options = reg_default_icp_options();
@@ -665,7 +665,7 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
 #endif /* REG_ICP_H */
 
 /* ==== src/register/cpd.h ==== */
-/* cpd: coherent point drift, which moves one point cloud onto another without knowing pairs. Floor 4.
+/* cpd: coherent point drift, which moves one point cloud onto another without knowing pairs. Floor 6.
  *
  *     reg_cpd_options options = reg_default_cpd_options();
  *     reg_cpd *fit = NULL;
@@ -790,7 +790,7 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
 #endif /* REG_CPD_H */
 
 /* ==== src/register/match.h ==== */
-/* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
+/* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 6.
  *
  * The organ is a body of any mesh and material (corotated; linear is the thesis' other variant). Its surface carries
  * charges, one in each triangle or at each vertex, held by the element they lie in. The surface may be the model's own
@@ -939,7 +939,7 @@ REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_ma
 #endif /* REG_MATCH_H */
 
 /* ==== src/register/nicp.h ==== */
-/* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 5.
+/* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 6.
  *
  * Points of the organ's surface, the sources, are paired with the target both ways: each source i with the closest
  * place N_s(i) of the target, and each point j of the target with its closest source N_t(j). A source is drawn by
@@ -4603,8 +4603,8 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
     return result;
 }
 
-/* ==== src/register/cpd_state.h ==== */
-/* cpd_state: what coherent point drift shares among its parts. Internal: cpd_sums.c finds expected partners,
+/* ==== src/register/cpd_private.h ==== */
+/* cpd_private: what coherent point drift shares among its parts. Internal: cpd_sums.c finds expected partners,
  * cpd_kernel.c factors the kernel and solves for the deformation, cpd.c iterates. All in the frames of the clouds. */
 #ifndef REGI_CPD_STATE_H
 #define REGI_CPD_STATE_H
@@ -6055,10 +6055,10 @@ REG_API void reg_cpd_apply(const reg_cpd *fit, const sb_vec3 *points, int count,
     }
 }
 
-/* ==== src/register/match_state.h ==== */
-/* match_state: what is inside a reg_match. Floor 5, internal: match.c makes it, match_step.c moves it. */
-#ifndef REG_MATCH_STATE_H
-#define REG_MATCH_STATE_H
+/* ==== src/register/match_private.h ==== */
+/* match_private: what is inside a reg_match. Floor 6, internal: match.c makes it, match_step.c moves it. */
+#ifndef REG_MATCH_PRIVATE_H
+#define REG_MATCH_PRIVATE_H
 
 
 /* Charges per task of the look at the target: fixed, whatever the threads. */
@@ -6128,7 +6128,7 @@ REGI_API double regi_match_look(reg_match *match);
  * material admits the shape. On failure match->info.error says why, and the body is as it was. */
 REGI_API sb_result regi_match_move(reg_match *match);
 
-#endif /* REG_MATCH_STATE_H */
+#endif /* REG_MATCH_PRIVATE_H */
 
 /* ==== src/register/match.c ==== */
 /* match: what a match is made from, and its charges. */
@@ -7088,10 +7088,10 @@ REG_API sb_result reg_match_run(reg_match *match, int steps, reg_match_info *inf
     return result;
 }
 
-/* ==== src/register/nicp_state.h ==== */
-/* nicp_state: what is inside a reg_nicp. Floor 5, internal: nicp.c makes it, nicp_step.c moves it. */
-#ifndef REG_NICP_STATE_H
-#define REG_NICP_STATE_H
+/* ==== src/register/nicp_private.h ==== */
+/* nicp_private: what is inside a reg_nicp. Floor 6, internal: nicp.c makes it, nicp_step.c moves it. */
+#ifndef REG_NICP_PRIVATE_H
+#define REG_NICP_PRIVATE_H
 
 
 /* Points per task of the look at the target: fixed, whatever the threads. */
@@ -7185,7 +7185,7 @@ REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 
-#endif /* REG_NICP_STATE_H */
+#endif /* REG_NICP_PRIVATE_H */
 
 /* ==== src/register/nicp.c ==== */
 /* nicp: what a non-rigid registration is made from: sources, samples, and the rows that hold them. */

@@ -365,6 +365,8 @@
 #define sb_output_close sb_output_close_f32
 #define sb_output_discard sb_output_discard_f32
 #define sb_file_save sb_file_save_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_element_name sb_element_name_f32
 #define sb_element_face sb_element_face_f32
 #define sb_element_edge sb_element_edge_f32
@@ -497,8 +499,6 @@
 #define sb_direct_get_info sb_direct_get_info_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
-#define sb_mapping_apply sb_mapping_apply_f32
-#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_solver_auto sb_solver_auto_f32
 #define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32
@@ -620,7 +620,7 @@
 
 #endif /* SBI_NAMES_H */
 
-/* ==== src/softbody/core.h ==== */
+/* ==== src/softbody/base/core.h ==== */
 /* core: configuration, results, errors, allocator, jobs. Floor 0: calls nothing but libc. */
 #ifndef SB_CORE_H
 #define SB_CORE_H
@@ -844,7 +844,7 @@ SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
 
 #endif /* SB_CORE_H */
 
-/* ==== src/softbody/bytes.h ==== */
+/* ==== src/softbody/base/bytes.h ==== */
 /* bytes: images in memory that tell what they are, and whether they are whole. Floor 0, internal. */
 #ifndef SB_BYTES_H
 #define SB_BYTES_H
@@ -853,7 +853,7 @@ SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
 
 #endif /* SB_BYTES_H */
 
-/* ==== src/softbody/output.h ==== */
+/* ==== src/softbody/base/output.h ==== */
 /* output: files that are written whole or not at all. Floor 0: calls core and libc.
  *
  *     sb_output out;
@@ -903,7 +903,7 @@ SB_API sb_result sb_file_save(const char *path, const void *bytes, size_t size, 
 
 #endif /* SB_OUTPUT_H */
 
-/* ==== src/softbody/dense.h ==== */
+/* ==== src/softbody/base/dense.h ==== */
 /* dense: 3-vectors, 3x3 matrices, quaternions, their decompositions, small dense systems, and scalar
  * functions that give the same bits everywhere. Floor 0. All static inline, public: needle.h and register.h
  * share them. Matrices are row-major, m[row][column]. All is thread-safe and allocates nothing. */
@@ -2208,7 +2208,31 @@ SB_INLINE int sb_m3_spd_inverse(sb_mat3 a, sb_mat3 *inverse)
 
 #endif /* SB_DENSE_H */
 
-/* ==== src/softbody/element.h ==== */
+/* ==== src/softbody/base/mapping.h ==== */
+/* mapping: points between nodes, as rows of weights. Floor 0. */
+#ifndef SB_MAPPING_H
+#define SB_MAPPING_H
+
+
+/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
+ * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
+ * whose weights do not sum to 1 is no point, but works too. */
+typedef struct sb_mapping {
+    int row_count;
+    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;         /* [row_start[row_count]] */
+    const sb_real *weights;   /* [row_start[row_count]] */
+} sb_mapping;
+
+/* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
+ * displacements. Not checked: nodes must be within x. out and x do not overlap. */
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out);
+/* forces[nodes] += H f: forces f[row_count] at the rows' points, brought to their nodes. */
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces);
+
+#endif /* SB_MAPPING_H */
+
+/* ==== src/softbody/mesh/element.h ==== */
 /* element: node orders, shape functions, quadrature, faces and edges of every element type. Floor 1. */
 #ifndef SB_ELEMENT_H
 #define SB_ELEMENT_H
@@ -2442,7 +2466,7 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
 
 #endif /* SB_ELEMENT_H */
 
-/* ==== src/softbody/mesh.h ==== */
+/* ==== src/softbody/mesh/mesh.h ==== */
 /* mesh: nodes, elements, regions; checks, repairs, boundary, neighbours, quality, reordering. Floor 1. */
 #ifndef SB_MESH_H
 #define SB_MESH_H
@@ -2667,8 +2691,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 
 #endif /* SB_MESH_H */
 
-/* ==== src/softbody/meshgen.h ==== */
-/* meshgen: structured volume meshes of simple solids. Floor 2.
+/* ==== src/softbody/mesh/meshgen.h ==== */
+/* meshgen: structured volume meshes of simple solids. Floor 1.
  * Blocks of hexahedral cells; tets are cells cut along diagonals that match between neighbours. */
 #ifndef SB_MESHGEN_H
 #define SB_MESHGEN_H
@@ -2703,7 +2727,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 
 #endif /* SB_MESHGEN_H */
 
-/* ==== src/softbody/meshio.h ==== */
+/* ==== src/softbody/mesh/meshio.h ==== */
 /* meshio: reads and writes mesh files. Floor 1: calls core, dense, element and mesh.
  *
  *     file ---> bounded reader ---> cells of any kind ---> one element type ---> checked sb_mesh
@@ -2886,7 +2910,7 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
 
 #endif /* SB_MESHIO_H */
 
-/* ==== src/softbody/surface.h ==== */
+/* ==== src/softbody/geometry/surface.h ==== */
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
  * repairs. Floor 2.
  *
@@ -3129,7 +3153,7 @@ typedef struct sb_shape {
 
 #endif /* SB_SURFACE_H */
 
-/* ==== src/softbody/stuffing.h ==== */
+/* ==== src/softbody/geometry/stuffing.h ==== */
 /* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
  * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
  * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
@@ -3211,8 +3235,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 
 #endif /* SB_STUFFING_H */
 
-/* ==== src/softbody/material.h ==== */
-/* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 1.
+/* ==== src/softbody/fem/material.h ==== */
+/* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 2.
  *
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
  * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
@@ -4152,7 +4176,7 @@ SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_mater
 
 #endif /* SB_MATERIAL_H */
 
-/* ==== src/softbody/material_fit.h ==== */
+/* ==== src/softbody/fem/material_fit.h ==== */
 /* material_fit: constants of a material from test data: stress and stretch, relaxation. Floor 2.
  *
  * The hyperelastic models are linear in their constants, so that fits under incompressible kinematics are linear least
@@ -4235,7 +4259,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
 
 #endif /* SB_MATERIAL_FIT_H */
 
-/* ==== src/softbody/sparse.h ==== */
+/* ==== src/softbody/solve/sparse.h ==== */
 /* sparse: square 3x3 block matrices with a symmetric pattern, their products and constraints. Floor 1. */
 #ifndef SB_SPARSE_H
 #define SB_SPARSE_H
@@ -4315,19 +4339,6 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
-/* Four reals as one vector where compiler and processor have them (doubles without AVX do not): memory is
- * read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
- * SB_NO_VECTORS asks for that one. */
-#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && (defined(__AVX__) || SB_REAL_IS_FLOAT)
-#define SBI_HAS_LANES 1
-typedef sb_real sbi_lanes
-    __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
-#define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
-#define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
-#else
-#define SBI_HAS_LANES 0
-#endif
-
 /* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
 enum { SBI_ROW_CHUNK = 256 };
 
@@ -4342,8 +4353,8 @@ SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
 
 #endif /* SB_SPARSE_H */
 
-/* ==== src/softbody/direct.h ==== */
-/* direct: sparse Cholesky and LDL^T factorisation of symmetric block matrices. Floor 2. */
+/* ==== src/softbody/solve/direct.h ==== */
+/* direct: sparse Cholesky and LDL^T factorisation of symmetric block matrices. Floor 1. */
 #ifndef SB_DIRECT_H
 #define SB_DIRECT_H
 
@@ -4405,7 +4416,7 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
 
 #endif /* SB_DIRECT_H */
 
-/* ==== src/softbody/domain.h ==== */
+/* ==== src/softbody/fem/domain.h ==== */
 /* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
 #ifndef SB_DOMAIN_H
 #define SB_DOMAIN_H
@@ -4471,29 +4482,11 @@ typedef enum sb_mass_kind {
                              * rank on tets: for comparisons, with supports */
 } sb_mass_kind;
 
-/* ---- points between nodes ---- */
-
-/* Rows of node weights: row j is the point sum_k weights[k] x(nodes[k]), row_start[j] <= k < row_start[j + 1], as the
- * barycentric coordinates of a landmark inside an element, or a mean over a patch. Weights of either sign; a row
- * whose weights do not sum to 1 is no point, but works too. */
-typedef struct sb_mapping {
-    int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
-} sb_mapping;
-
-/* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
- * displacements. Not checked: nodes must be within x. out and x do not overlap. */
-SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out);
-/* forces[nodes] += H f: forces f[row_count] at the rows' points, brought to their nodes. */
-SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces);
-
 
 #endif /* SB_DOMAIN_H */
 
-/* ==== src/softbody/multigrid.h ==== */
-/* multigrid: V-cycles over levels made from the matrix alone. Floor 2.
+/* ==== src/softbody/solve/multigrid.h ==== */
+/* multigrid: V-cycles over levels made from the matrix alone. Floor 1.
  *
  * Level 0 is the matrix itself. A coarser level has fewer nodes and weights P that interpolate its displacements to the
  * nodes of the level above it; its matrix is P^T A P (Galerkin). So rotations, materials, supports, loads and
@@ -4516,10 +4509,10 @@ typedef struct sb_multigrid_level {
 
 #endif /* SB_MULTIGRID_H */
 
-/* ==== src/softbody/precond.h ==== */
+/* ==== src/softbody/solve/precond.h ==== */
 /* precond: preconditioners for block matrices: block Jacobi, SSOR, incomplete Cholesky, factorised sparse approximate
  * inverses, a complete factor; each with a coarse space of rigid motions, and fit to be made once and turned with the
- * body. Floor 2. */
+ * body. Floor 1. */
 #ifndef SB_PRECOND_H
 #define SB_PRECOND_H
 
@@ -4680,8 +4673,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 
 #endif /* SB_PRECOND_H */
 
-/* ==== src/softbody/pcg.h ==== */
-/* pcg: preconditioned conjugate gradients. Floor 2. */
+/* ==== src/softbody/solve/pcg.h ==== */
+/* pcg: preconditioned conjugate gradients. Floor 1. */
 #ifndef SB_PCG_H
 #define SB_PCG_H
 
@@ -4758,7 +4751,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 
 #endif /* SB_PCG_H */
 
-/* ==== src/softbody/grid.h ==== */
+/* ==== src/softbody/geometry/grid.h ==== */
 /* grid: regular hexahedral grids round bodies whose surface cuts the cells (immersed boundary). Floor 2. */
 #ifndef SB_GRID_H
 #define SB_GRID_H
@@ -4893,7 +4886,7 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
 
 #endif /* SB_GRID_H */
 
-/* ==== src/softbody/body.h ==== */
+/* ==== src/softbody/body/body.h ==== */
 /* body: a mesh with material, supports, loads and state. Floor 3. */
 #ifndef SB_BODY_H
 #define SB_BODY_H
@@ -5141,7 +5134,7 @@ SB_API const char *sb_check_string(unsigned warning);
 
 #endif /* SB_BODY_H */
 
-/* ==== src/softbody/load.h ==== */
+/* ==== src/softbody/body/load.h ==== */
 /* load: forces on a body: dead loads, follower pressure, springs, penalty mappings. Floor 3. */
 #ifndef SB_LOAD_H
 #define SB_LOAD_H
@@ -5215,8 +5208,8 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 
 #endif /* SB_LOAD_H */
 
-/* ==== src/softbody/embed.h ==== */
-/* embed: points and surfaces carried along by a volume mesh, and forces on them brought back. Floor 3.
+/* ==== src/softbody/geometry/embed.h ==== */
+/* embed: points and surfaces carried along by a volume mesh, and forces on them brought back. Floor 2.
  *
  * How a point is held. Inside the mesh it is (element, xi) and moves as x(xi) = sum_a N_a(xi) x_a. A drawn surface is
  * finer than the mesh, so many of its vertices lie a little outside. Such a point is x(r, s) + d n(r, s): a place on a
@@ -5329,7 +5322,7 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
 
 #endif /* SB_EMBED_H */
 
-/* ==== src/softbody/constraint.h ==== */
+/* ==== src/softbody/body/constraint.h ==== */
 /* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
  *
  * Constraints hold exactly: each eliminates one degree of freedom, its slave, from the system that steps and static
@@ -5420,7 +5413,7 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 
 #endif /* SB_CONSTRAINT_H */
 
-/* ==== src/softbody/step.h ==== */
+/* ==== src/softbody/body/step.h ==== */
 /* step: time steps and static solves of a body. Floor 3. */
 #ifndef SB_STEP_H
 #define SB_STEP_H
@@ -5525,7 +5518,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
 
 #endif /* SB_STEP_H */
 
-/* ==== src/softbody/modes.h ==== */
+/* ==== src/softbody/body/modes.h ==== */
 /* modes: natural frequencies and mode shapes of a body. Floor 3. */
 #ifndef SB_MODES_H
 #define SB_MODES_H
@@ -5576,7 +5569,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 
 #endif /* SB_MODES_H */
 
-/* ==== src/softbody/state.h ==== */
+/* ==== src/softbody/body/state.h ==== */
 /* state: saves what a body is at and brings it back, to the last bit. Floor 3. */
 #ifndef SB_STATE_H
 #define SB_STATE_H
@@ -5622,8 +5615,8 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 
 #endif /* SB_STATE_H */
 
-/* ==== src/softbody/record.h ==== */
-/* record: what a body was told, and whether it does the same again. Floor 4. */
+/* ==== src/softbody/body/record.h ==== */
+/* record: what a body was told, and whether it does the same again. Floor 3. */
 #ifndef SB_RECORD_H
 #define SB_RECORD_H
 
@@ -5703,7 +5696,7 @@ SB_API sb_result sb_recording_replay(const sb_recording *recording, sb_body *bod
 #if defined(SB_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION_DONE)
 #define SB_IMPLEMENTATION_DONE
 
-/* ==== src/softbody/core.h, internal ==== */
+/* ==== src/softbody/base/core.h, internal ==== */
 /* *total += count * size; 0 when the sum does not fit size_t (then *total is unchanged), else 1. */
 SBI_API int sbi_size_add(size_t *total, size_t count, size_t size);
 /* Memory for count items of `size` bytes, or NULL (also when count * size overflows). Never asks for 0 bytes. */
@@ -5734,7 +5727,7 @@ SBI_API void sbi_error_set_file(sb_error *error, const char *name);
 /* A failure of a whole file. */
 SBI_API sb_result sbi_fail_file(sb_error *error, sb_result result, const char *path, const char *why);
 
-/* ==== src/softbody/bytes.h, internal ==== */
+/* ==== src/softbody/base/bytes.h, internal ==== */
 enum { SBI_IMAGE_HEAD = 24, SBI_IMAGE_TAIL = 8 }; /* bytes before and after the content of an image */
 
 /* One step of the hash: words in order. */
@@ -5777,7 +5770,7 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
 SBI_API sb_result sbi_image_check_head(const unsigned char *image, size_t size, const char *magic, uint32_t version,
                                        const char *what, sb_error *error);
 
-/* ==== src/softbody/element.h, internal ==== */
+/* ==== src/softbody/mesh/element.h, internal ==== */
 /* ---- internal: any element ---------------------------------------------------------------------------------- */
 
 /* A type, and for SB_CUSTOM its checked table. Each function below is the one of the same name above. */
@@ -5816,7 +5809,7 @@ SBI_API int sbi_element_quadrature(sbi_element element, sb_quadrature_kind kind,
                                    sb_real points[SB_MAX_QUADRATURE_POINTS][3],
                                    sb_real weights[SB_MAX_QUADRATURE_POINTS]);
 
-/* ==== src/softbody/mesh.h, internal ==== */
+/* ==== src/softbody/mesh/mesh.h, internal ==== */
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
 /* Counts, type and pointers of a mesh, finite nodes and index range: what every room needs before it walks
@@ -5863,7 +5856,7 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 
-/* ==== src/softbody/surface.h, internal ==== */
+/* ==== src/softbody/geometry/surface.h, internal ==== */
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
@@ -5877,7 +5870,7 @@ SBI_API sb_result sbi_surface_cut_make(const sb_mesh *mesh, const sb_allocator *
                                        sb_error *error);
 SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut *cut);
 
-/* ==== src/softbody/surface.h, internal ==== */
+/* ==== src/softbody/geometry/surface.h, internal ==== */
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
  * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
@@ -5886,13 +5879,13 @@ SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *
  * winding numbers tell. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
 
-/* ==== src/softbody/stuffing.h, internal ==== */
+/* ==== src/softbody/geometry/stuffing.h, internal ==== */
 /* Fills in the shares that a tet4 mesh (empty: none) keeps of the shapes; SB_ERROR_MESH where one is below
  * least_share. */
 SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_mesh *mesh, sb_stuff_report *report,
                                               sb_error *error);
 
-/* ==== src/softbody/material.h, internal ==== */
+/* ==== src/softbody/fem/material.h, internal ==== */
 /* ==== internal: shares of a material =====================================================================
  * Every hyperelastic energy here is linear in its moduli, so that a share of a material is a material. */
 
@@ -5927,7 +5920,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
 SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
                               sb_real s0[6]);
 
-/* ==== src/softbody/sparse.h, internal ==== */
+/* ==== src/softbody/solve/sparse.h, internal ==== */
 /* y_i = (A x)_i for the rows first <= i < last. */
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last);
@@ -5936,7 +5929,7 @@ SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigne
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
                                   const sb_jobs *jobs);
 
-/* ==== src/softbody/direct.h, internal ==== */
+/* ==== src/softbody/solve/direct.h, internal ==== */
 /* order[k] is the node eliminated k-th, by nested dissection. Scratch from the allocator, released again. */
 SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *positions, const sb_allocator *allocator,
                                    int *order, sb_error *error);
@@ -5945,7 +5938,7 @@ SBI_API sb_real *sbi_direct_values(sb_direct *direct, size_t *count);
 /* Whoever filled them says so. */
 SBI_API void sbi_direct_take_values(sb_direct *direct);
 
-/* ==== src/softbody/domain.h, internal ==== */
+/* ==== src/softbody/fem/domain.h, internal ==== */
 /* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
  * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
  * that do not sum to 0; SB_ERROR_NOT_FINITE; both name the cell; and what sb_domain_create returns. *copy is untouched
@@ -5972,7 +5965,7 @@ SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
 SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
                               sb_real *volume_load);
 
-/* ==== src/softbody/multigrid.h, internal ==== */
+/* ==== src/softbody/solve/multigrid.h, internal ==== */
 typedef struct sbi_multigrid sbi_multigrid;
 
 /* What updates remember: how far above the mean of the finest level's eigenvalues its bound was found to lie, in their
@@ -6024,7 +6017,7 @@ SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid);
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid);
 SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid);
 
-/* ==== src/softbody/precond.h, internal ==== */
+/* ==== src/softbody/solve/precond.h, internal ==== */
 /* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
  * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
 SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
@@ -6057,7 +6050,7 @@ SBI_API sbi_precond_memory sbi_precond_get_memory(const sb_preconditioner *preco
 SBI_API void sbi_precond_set_memory(sb_preconditioner *preconditioner, sbi_precond_memory memory);
 SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
-/* ==== src/softbody/pcg.h, internal ==== */
+/* ==== src/softbody/solve/pcg.h, internal ==== */
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
  * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
  * look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of the
@@ -6066,7 +6059,7 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
 
-/* ==== src/softbody/load.h, internal ==== */
+/* ==== src/softbody/body/load.h, internal ==== */
 /* Work of these loads along u + s du, s in [0, t]: linear t + quadratic t^2 + cubic t^3. Exact: a pressure is
  * quadratic in u, springs linear. */
 typedef struct sbi_loads_work {
@@ -6097,7 +6090,7 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor);
  * linearised step's is the one it started from). */
 SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor);
 
-/* ==== src/softbody/constraint.h, internal ==== */
+/* ==== src/softbody/body/constraint.h, internal ==== */
 /* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */
 SBI_API uint64_t sbi_constraint_signature(const sb_body *body);
 /* velocity0 and acceleration0 of slaves, so that they keep to their masters and gaps close evenly. Velocities
@@ -6125,7 +6118,7 @@ SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real shar
  * each of its masters. */
 SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *v);
 
-/* ==== src/softbody/state.h, internal ==== */
+/* ==== src/softbody/body/state.h, internal ==== */
 /* ---- internal: files of checked bytes -------------------------------------------------------------------- */
 
 /* *image is from the allocator; free it with sbi_free. Stops reading after a head that sbi_image_check would refuse,
@@ -6134,7 +6127,28 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
                                       uint32_t version, const char *what, unsigned char **image, size_t *size,
                                       sb_error *error);
 
-/* ==== src/softbody/core.c ==== */
+/* ==== src/softbody/base/lanes.h ==== */
+/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0, internal.
+ *
+ * Memory is read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
+ * SB_NO_VECTORS asks for that one. */
+#ifndef SB_LANES_H
+#define SB_LANES_H
+
+
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS) && (defined(__AVX__) || SB_REAL_IS_FLOAT)
+#define SBI_HAS_LANES 1
+typedef sb_real sbi_lanes
+    __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+#define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
+#define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
+#else
+#define SBI_HAS_LANES 0
+#endif
+
+#endif /* SB_LANES_H */
+
+/* ==== src/softbody/base/core.c ==== */
 /* core: results, checked sizes, allocation, jobs. */
 
 #include <stdarg.h>
@@ -6441,7 +6455,7 @@ SB_API sb_jobs sb_jobs_openmp(void)
 }
 #endif
 
-/* ==== src/softbody/bytes.c ==== */
+/* ==== src/softbody/base/bytes.c ==== */
 /* bytes: see bytes.h. */
 
 #include <string.h>
@@ -6523,7 +6537,7 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
     return SB_OK;
 }
 
-/* ==== src/softbody/output.c ==== */
+/* ==== src/softbody/base/output.c ==== */
 /* output: see output.h. */
 
 #include <errno.h>
@@ -6809,7 +6823,32 @@ SB_API sb_result sb_file_save(const char *path, const void *bytes, size_t size, 
 #undef SBI_OUTPUT_NEW
 #undef SBI_OUTPUT_SEPARATORS
 
-/* ==== src/softbody/element.c ==== */
+/* ==== src/softbody/base/mapping.c ==== */
+
+SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
+{
+    if (!mapping || !x || !out)
+        return;
+    for (int j = 0; j < mapping->row_count; j++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
+            sum = sb_v3_madd(sum, mapping->weights[k], x[mapping->nodes[k]]);
+        out[j] = sum;
+    }
+}
+
+SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
+{
+    if (!mapping || !f || !forces)
+        return;
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
+            sb_vec3 *force = forces + mapping->nodes[k];
+            *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
+        }
+}
+
+/* ==== src/softbody/mesh/element.c ==== */
 /* element: tables of faces and edges, shape functions, quadrature; tables of custom elements. */
 
 #include <string.h>
@@ -7573,7 +7612,7 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
     return result == SB_OK ? sbi_element_table_check_mass(table, error) : result;
 }
 
-/* ==== src/softbody/mesh.c ==== */
+/* ==== src/softbody/mesh/mesh.c ==== */
 /* mesh: checks, geometry, repairs, topology, reordering.
  *
  * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
@@ -9861,7 +9900,7 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
     return result;
 }
 
-/* ==== src/softbody/meshgen.c ==== */
+/* ==== src/softbody/mesh/meshgen.c ==== */
 /* meshgen: blocks of cells for simple solids.
  *
  * Every generator numbers its nodes and lists its cells as hexahedra whose top nodes are numbered after
@@ -10346,7 +10385,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
     return sbi_meshgen_finish(&builder, type, mesh, error);
 }
 
-/* ==== src/softbody/meshio_reader.h ==== */
+/* ==== src/softbody/mesh/meshio_reader.h ==== */
 /* meshio_reader: what all mesh formats share, internal. A bounded reader that counts lines, exact number
  * parsing, and the loader that gathers nodes and cells of any kind. Part of the room meshio. */
 #ifndef SB_MESHIO_READER_H
@@ -10697,7 +10736,7 @@ SBI_API int sbi_stl_is_binary(const char *data, size_t size);
 
 #endif /* SB_MESHIO_READER_H */
 
-/* ==== src/softbody/meshio_reader.c ==== */
+/* ==== src/softbody/mesh/meshio_reader.c ==== */
 /* meshio_reader: exact number parsing, the bounded reader and the loader that all mesh formats share. */
 
 #include <float.h>
@@ -11982,7 +12021,7 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     return SB_OK;
 }
 
-/* ==== src/softbody/meshio.c ==== */
+/* ==== src/softbody/mesh/meshio.c ==== */
 /* meshio: loading (file, format, checks, report) and the writers. */
 
 #include <float.h>
@@ -12893,7 +12932,7 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
 }
 #undef SBI_EXPORT_REAL_NAME
 
-/* ==== src/softbody/meshio_vtk.c ==== */
+/* ==== src/softbody/mesh/meshio_vtk.c ==== */
 /* meshio_vtk: reads legacy VTK files, versions 2.0 to 5.1, ASCII and binary (which is always big-endian).
  * Source of the format: "VTK File Formats", The VTK User's Guide. Since 5.0 cells are lists of offsets and
  * of node indices; before, each cell's indices follow their count. */
@@ -13586,7 +13625,7 @@ SBI_API sb_result sbi_vtk_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/meshio_split.c ==== */
+/* ==== src/softbody/mesh/meshio_split.c ==== */
 /* meshio_split: volume cells of several kinds, or of kinds that are no elements of ours, cut into tets.
  *
  *        3-----2          A cell is cut by pulling its corner v of the lowest number: the faces without v are cut into
@@ -14033,7 +14072,7 @@ SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
     return result;
 }
 
-/* ==== src/softbody/meshio_sets.c ==== */
+/* ==== src/softbody/mesh/meshio_sets.c ==== */
 /* meshio_sets: the groups of a file's cells as sets of elements, faces and nodes of the mesh. */
 
 #include <limits.h>
@@ -14360,7 +14399,7 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
     return result;
 }
 
-/* ==== src/softbody/meshio_gmsh.c ==== */
+/* ==== src/softbody/mesh/meshio_gmsh.c ==== */
 /* meshio_gmsh: reads gmsh meshes, versions 1, 2.x, 3, 4.0 and 4.1, ASCII and binary of either byte order.
  * Source of the format: Gmsh Reference Manual, "MSH file format" and "Legacy formats"; version 3, which the manual does
  * not have, as gmsh 4.8 writes it.
@@ -15229,7 +15268,7 @@ SBI_API sb_result sbi_gmsh_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/meshio_medit.c ==== */
+/* ==== src/softbody/mesh/meshio_medit.c ==== */
 /* meshio_medit: reads Medit's meshes (INRIA, also called GMF), .mesh in text and .meshb in binary of either byte order.
  * Source of the format: P. Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, and the numbers of
  * keywords of libMeshb 7. A file is a row of sections: keyword, count, that many rows of numbers, each with a reference
@@ -15531,7 +15570,7 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/meshio_inflate.c ==== */
+/* ==== src/softbody/mesh/meshio_inflate.c ==== */
 /* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 
@@ -15850,7 +15889,7 @@ SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned ch
     return NULL;
 }
 
-/* ==== src/softbody/meshio_xml.c ==== */
+/* ==== src/softbody/mesh/meshio_xml.c ==== */
 /* meshio_xml: the tags of an XML file, as far as mesh files need them. Source: "Extensible Markup Language (XML) 1.0",
  * without entities, document type definitions and CDATA sections. */
 
@@ -16034,7 +16073,7 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
     return 0;
 }
 
-/* ==== src/softbody/meshio_vtu.c ==== */
+/* ==== src/softbody/mesh/meshio_vtu.c ==== */
 /* meshio_vtu: reads VTK's XML files of unstructured grids (.vtu) and polygons (.vtp), serial, of any version: ASCII,
  * base64 inline, appended raw and base64, 32- and 64-bit headers, both byte orders, plain or packed by zlib.
  * Source of the format: "VTK File Formats" (docs.vtk.org), and what VTK and meshio write.
@@ -16776,7 +16815,7 @@ SBI_API sb_result sbi_vtu_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/meshio_tetgen.c ==== */
+/* ==== src/softbody/mesh/meshio_tetgen.c ==== */
 /* meshio_tetgen: reads TetGen's .node and .ele files. Source of the format: TetGen manual, "File formats". */
 
 #include <limits.h>
@@ -16952,7 +16991,7 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base)
     return result ? result : sbi_tetgen_end_file(reader);
 }
 
-/* ==== src/softbody/meshio_surface.c ==== */
+/* ==== src/softbody/mesh/meshio_surface.c ==== */
 /* meshio_surface: reads OBJ, STL, PLY and OFF. Sources of the formats: Wavefront "Object Files (.obj)"; 3D
  * Systems "StereoLithography Interface Specification"; G. Turk, "The PLY Polygon File Format"; Geomview
  * manual, "OFF". */
@@ -17710,7 +17749,7 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     return result;
 }
 
-/* ==== src/softbody/surface_tree.h ==== */
+/* ==== src/softbody/geometry/surface_tree.h ==== */
 /* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
 #ifndef SBI_SURFACE_TREE_H
 #define SBI_SURFACE_TREE_H
@@ -18046,7 +18085,7 @@ SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *
 
 #endif /* SBI_SURFACE_TREE_H */
 
-/* ==== src/softbody/surface.c ==== */
+/* ==== src/softbody/geometry/surface.c ==== */
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
  * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
@@ -19011,7 +19050,7 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
         *high = surface ? surface->high : sb_v3(0, 0, 0);
 }
 
-/* ==== src/softbody/surface_query.c ==== */
+/* ==== src/softbody/geometry/surface_query.c ==== */
 /* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
 
 /* ---- the closest point of a triangle ------------------------------------------------------------------------- */
@@ -20061,7 +20100,7 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
-/* ==== src/softbody/surface_crossing.c ==== */
+/* ==== src/softbody/geometry/surface_crossing.c ==== */
 /* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
  *
  * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
@@ -20658,7 +20697,7 @@ SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator 
     return list && mark;
 }
 
-/* ==== src/softbody/surface_check.c ==== */
+/* ==== src/softbody/geometry/surface_check.c ==== */
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
@@ -21395,7 +21434,7 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
     return SB_OK;
 }
 
-/* ==== src/softbody/stuffing.c ==== */
+/* ==== src/softbody/geometry/stuffing.c ==== */
 /* stuffing: isosurface stuffing with several shapes and graded cells.
  *
  * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
@@ -23626,7 +23665,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     return SB_OK;
 }
 
-/* ==== src/softbody/stuffing_share.c ==== */
+/* ==== src/softbody/geometry/stuffing_share.c ==== */
 /* stuffing_share: how much of each shape a mesh keeps, and which cell would keep what is missing. */
 
 #include <stdio.h>
@@ -23978,7 +24017,7 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
     return result;
 }
 
-/* ==== src/softbody/material.c ==== */
+/* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 
 #include <string.h>
@@ -24576,7 +24615,7 @@ SB_API int sb_material_history_stress(const sb_material *material, sb_material_h
     return 1;
 }
 
-/* ==== src/softbody/material_fit.c ==== */
+/* ==== src/softbody/fem/material_fit.c ==== */
 /* material_fit: least squares for the constants of hyperelastic models and Prony series. */
 
 #include <string.h>
@@ -25409,7 +25448,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     return SB_OK;
 }
 
-/* ==== src/softbody/sparse.c ==== */
+/* ==== src/softbody/solve/sparse.c ==== */
 /* sparse: pattern from cells, block products, constraints. */
 
 #include <limits.h>
@@ -25948,8 +25987,8 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
     sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
 }
 
-/* ==== src/softbody/direct_order.c ==== */
-/* direct_order: an elimination order with little fill, by nested dissection. Floor 2, internal.
+/* ==== src/softbody/solve/direct_order.c ==== */
+/* direct_order: an elimination order with little fill, by nested dissection. Floor 1, internal.
  *
  * A set of nodes is cut in two by a separator, which is eliminated last; the halves are cut in turn. Candidates for a
  * cut come from sweeps: the nodes in the order of x, y, z, or of their distance from a far node in the graph, join the
@@ -26283,8 +26322,8 @@ SBI_API sb_result sbi_direct_order(const sb_matrix *pattern, const sb_vec3 *posi
     return SB_OK;
 }
 
-/* ==== src/softbody/direct_front.h ==== */
-/* direct_front: the dense arithmetic of a front of the sparse factor. Floor 2, internal.
+/* ==== src/softbody/solve/direct_front.h ==== */
+/* direct_front: the dense arithmetic of a front of the sparse factor. Floor 1, internal.
  *
  * Panels are stored by columns, `height` apart. Every entry is a sum in one order, whatever the vectors' width and
  * however many right-hand sides there are: the bits do not depend on either. */
@@ -26331,7 +26370,7 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
 
 #endif /* SB_DIRECT_FRONT_H */
 
-/* ==== src/softbody/direct_front.c ==== */
+/* ==== src/softbody/solve/direct_front.c ==== */
 /* direct_front: see direct_front.h. Products go through packed pieces that fit the caches, in tiles that fit the
  * registers (Goto and van de Geijn 2008). */
 #include <string.h>
@@ -26676,7 +26715,7 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
     }
 }
 
-/* ==== src/softbody/direct.c ==== */
+/* ==== src/softbody/solve/direct.c ==== */
 /* direct: see direct.h. Analysis of the pattern, and the factor's walk over its fronts; their dense arithmetic is in
  * direct_front.c.
  *
@@ -27298,7 +27337,7 @@ SB_API sb_result sb_direct_solve(sb_direct *direct, const sb_real *rhs, sb_real 
     return SB_OK;
 }
 
-/* ==== src/softbody/float4.h ==== */
+/* ==== src/softbody/base/float4.h ==== */
 /* float4: four floats as one vector. Floor 0, internal.
  *
  * Blocks are stored as three rows of four floats, the fourth unused (0), so that a row is one vector. The compiler's
@@ -27424,8 +27463,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 #endif /* SB_FLOAT4_H */
 
-/* ==== src/softbody/multigrid_level.h ==== */
-/* multigrid_level: what a level holds. Floor 2, internal to the multigrid. */
+/* ==== src/softbody/solve/multigrid_level.h ==== */
+/* multigrid_level: what a level holds. Floor 1, internal to the multigrid. */
 #ifndef SB_MULTIGRID_LEVEL_H
 #define SB_MULTIGRID_LEVEL_H
 
@@ -27636,8 +27675,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 
 #endif /* SB_MULTIGRID_LEVEL_H */
 
-/* ==== src/softbody/multigrid_block.h ==== */
-/* multigrid_block: blocks of nine, packed and multiplied in the forms that processors have. Floor 2, internal to the
+/* ==== src/softbody/solve/multigrid_block.h ==== */
+/* multigrid_block: blocks of nine, packed and multiplied in the forms that processors have. Floor 1, internal to the
  * multigrid.
  *
  * Compilers find none of these vectors by themselves. All forms give the same bits for finite matrices: sums of rows
@@ -28176,7 +28215,7 @@ SBI_FORCE_INLINE sbi_float4 sbi_mg_multiply_row(const sbi_mg_level *level, int i
 
 #endif /* SB_MULTIGRID_BLOCK_H */
 
-/* ==== src/softbody/multigrid_region.c ==== */
+/* ==== src/softbody/solve/multigrid_region.c ==== */
 /* multigrid_region: where the stiffness jumps, and which parts are stiff in one piece. */
 
 #include <stdlib.h>
@@ -28497,7 +28536,7 @@ SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions
     return 1;
 }
 
-/* ==== src/softbody/multigrid_lattice.c ==== */
+/* ==== src/softbody/solve/multigrid_lattice.c ==== */
 /* multigrid_lattice: coarse nodes on a lattice laid over the nodes of a level. */
 
 #include <math.h>
@@ -28981,8 +29020,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
     return made;
 }
 
-/* ==== src/softbody/multigrid_coarsest.c ==== */
-/* multigrid_coarsest: the coarsest level, solved by elimination. Floor 2.
+/* ==== src/softbody/solve/multigrid_coarsest.c ==== */
+/* multigrid_coarsest: the coarsest level, solved by elimination. Floor 1.
  *
  * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes cannot
  * tell the regions' motions apart well enough, however often it is visited: then levels end at one of some hundred nodes,
@@ -29199,8 +29238,8 @@ SBI_API void sbi_mg_solve_coarsest(sbi_multigrid *m)
         level->x[4 * (k / 3) + k % 3] = (float)m->solution[k];
 }
 
-/* ==== src/softbody/multigrid_island.c ==== */
-/* multigrid_island: small stiff parts of a soft body, solved by elimination on the finest level. Floor 2.
+/* ==== src/softbody/solve/multigrid_island.c ==== */
+/* multigrid_island: small stiff parts of a soft body, solved by elimination on the finest level. Floor 1.
  *
  * Parts a thousand times as stiff as the softest, and only some nodes wide, bend at necks and edges in ways that no
  * lattice of theirs follows: with lattices alone those motions are the slowest of all (in a beam with twenty balls the
@@ -29569,7 +29608,7 @@ SBI_API void sbi_mg_reach_islands(sbi_multigrid *m, const sb_real *in, sb_real f
         sbi_island_write(m->levels, islands->groups + g, x);
 }
 
-/* ==== src/softbody/multigrid.c ==== */
+/* ==== src/softbody/solve/multigrid.c ==== */
 /* multigrid: levels and the plans of their updates. */
 
 #include <limits.h>
@@ -30230,7 +30269,7 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     return SB_OK;
 }
 
-/* ==== src/softbody/multigrid_cycle.c ==== */
+/* ==== src/softbody/solve/multigrid_cycle.c ==== */
 /* multigrid_cycle: values of the levels, and the V-cycle. */
 
 #include <float.h>
@@ -31030,8 +31069,8 @@ SBI_API void sbi_multigrid_apply(sbi_multigrid *m, const sb_real *r, sb_real sca
 #undef SBI_MG_WIDTH
 #undef SBI_MG_SSE
 
-/* ==== src/softbody/precond_fsai.h ==== */
-/* precond_fsai: a factorised sparse approximate inverse. Floor 2, internal.
+/* ==== src/softbody/solve/precond_fsai.h ==== */
+/* precond_fsai: a factorised sparse approximate inverse. Floor 1, internal.
  *
  * A^-1 is taken as G^T G with G lower triangular on the pattern of the lower part of |A|^power. Row i of G is the last
  * block row of L^-1 where L L^T = A_JJ, J the columns of the row: that minimises |I - G L_A|_F over the pattern, L_A
@@ -31083,7 +31122,7 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 
 #endif /* SB_PRECOND_FSAI_H */
 
-/* ==== src/softbody/precond_fsai.c ==== */
+/* ==== src/softbody/solve/precond_fsai.c ==== */
 /* precond_fsai: see precond_fsai.h. */
 
 #include <float.h>
@@ -31544,11 +31583,11 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
     sbi_fsai_product(fsai->end, fsai->members, fsai->turned, in, out, first, last);
 }
 
-/* ==== src/softbody/precond_state.h ==== */
-/* precond_state: what is inside an sb_preconditioner. Floor 2, internal: precond.c smooths, precond_lower.c has
+/* ==== src/softbody/solve/precond_private.h ==== */
+/* precond_private: what is inside an sb_preconditioner. Floor 1, internal: precond.c smooths, precond_lower.c has
  * its triangular factors, precond_pieces.c cuts the pieces, precond_coarse.c moves them, precond_save.c keeps it. */
-#ifndef SB_PRECOND_STATE_H
-#define SB_PRECOND_STATE_H
+#ifndef SB_PRECOND_PRIVATE_H
+#define SB_PRECOND_PRIVATE_H
 
 
 enum {
@@ -31716,9 +31755,9 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
 
-#endif /* SB_PRECOND_STATE_H */
+#endif /* SB_PRECOND_PRIVATE_H */
 
-/* ==== src/softbody/precond.c ==== */
+/* ==== src/softbody/solve/precond.c ==== */
 /* precond: factors, their application and the object. */
 #include <math.h>
 #include <string.h>
@@ -32468,8 +32507,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     return info;
 }
 
-/* ==== src/softbody/precond_lower.c ==== */
-/* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 2.
+/* ==== src/softbody/solve/precond_lower.c ==== */
+/* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 1.
  *
  * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two
  * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
@@ -32844,8 +32883,8 @@ SBI_API void sbi_precond_sweep(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_backward_task, &mine, halves);
 }
 
-/* ==== src/softbody/precond_pieces.c ==== */
-/* precond_pieces: which nodes move together in the coarse space. Floor 2.
+/* ==== src/softbody/solve/precond_pieces.c ==== */
+/* precond_pieces: which nodes move together in the coarse space. Floor 1.
  *
  * A piece never holds nodes that do not hang together: its one motion would be that of things that move apart (parts of
  * a body that lie between each other, the lips of a cut), and glue them. So each connected part is cut by itself, and
@@ -33108,8 +33147,8 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     return m.piece_count;
 }
 
-/* ==== src/softbody/precond_coarse.c ==== */
-/* precond_coarse: the coarse space of rigid pieces. Floor 2. */
+/* ==== src/softbody/solve/precond_coarse.c ==== */
+/* precond_coarse: the coarse space of rigid pieces. Floor 1. */
 #include <limits.h>
 #include <math.h>
 #include <string.h>
@@ -33581,8 +33620,8 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
 #undef SBI_HAS_FLOAT4
 #undef SBI_HAS_SHUFFLE
 
-/* ==== src/softbody/precond_save.c ==== */
-/* precond_save: preconditioners as bytes. Floor 2.
+/* ==== src/softbody/solve/precond_save.c ==== */
+/* precond_save: preconditioners as bytes. Floor 1.
  *
  * One walk serves measuring, writing, checking and reading: every value is named once, in its order. */
 #include <float.h>
@@ -33843,7 +33882,7 @@ SB_API sb_result sb_preconditioner_load(sb_preconditioner *preconditioner, const
     return SB_OK;
 }
 
-/* ==== src/softbody/pcg.c ==== */
+/* ==== src/softbody/solve/pcg.c ==== */
 /* pcg: conjugate gradients with fused vector loops. */
 
 #include <float.h>
@@ -34625,7 +34664,7 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 1, info);
 }
 
-/* ==== src/softbody/domain.c ==== */
+/* ==== src/softbody/fem/domain.c ==== */
 /* domain: integration points from elements. */
 
 #include <string.h>
@@ -35070,32 +35109,7 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
     return sbi_domain_lump_part(n, volume, full, mass);
 }
 
-/* ---- points between nodes ---- */
-
-SB_API void sb_mapping_apply(const sb_mapping *mapping, const sb_vec3 *x, sb_vec3 *out)
-{
-    if (!mapping || !x || !out)
-        return;
-    for (int j = 0; j < mapping->row_count; j++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++)
-            sum = sb_v3_madd(sum, mapping->weights[k], x[mapping->nodes[k]]);
-        out[j] = sum;
-    }
-}
-
-SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_vec3 *forces)
-{
-    if (!mapping || !f || !forces)
-        return;
-    for (int j = 0; j < mapping->row_count; j++)
-        for (int k = mapping->row_start[j]; k < mapping->row_start[j + 1]; k++) {
-            sb_vec3 *force = forces + mapping->nodes[k];
-            *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
-        }
-}
-
-/* ==== src/softbody/grid.c ==== */
+/* ==== src/softbody/geometry/grid.c ==== */
 /* grid: octrees in the cells that a surface cuts, and what comes of them: points, weights, masses. */
 
 #include <string.h>
@@ -36430,7 +36444,7 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
         }
 }
 
-/* ==== src/softbody/assembly.h ==== */
+/* ==== src/softbody/fem/assembly.h ==== */
 /* assembly: loops over integration points (energy, internal force, tangent). Floor 2, internal.
  *
  * Work is cut into chunks of neighbouring cells. Chunks that share a node get different colours; colours run one
@@ -36566,7 +36580,7 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
 
 #endif /* SB_ASSEMBLY_H */
 
-/* ==== src/softbody/assembly_batch.h ==== */
+/* ==== src/softbody/fem/assembly_batch.h ==== */
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. Floor 2, internal.
  *
  * Force: lane l of a batch is cell l; every loop over lanes is one compilers turn into vector instructions, and no lane
@@ -36606,7 +36620,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
 
 #endif /* SB_ASSEMBLY_BATCH_H */
 
-/* ==== src/softbody/assembly_batch.c ==== */
+/* ==== src/softbody/fem/assembly_batch.c ==== */
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
 
 #include <string.h>
@@ -37332,7 +37346,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
 }
 
-/* ==== src/softbody/assembly.c ==== */
+/* ==== src/softbody/fem/assembly.c ==== */
 /* assembly: loops over integration points. */
 
 #include <string.h>
@@ -38423,8 +38437,8 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
 }
 
-/* ==== src/softbody/elimination.h ==== */
-/* elimination: linear equations among the unknowns of a block matrix, each solved for its first unknown. Floor 2,
+/* ==== src/softbody/body/elimination.h ==== */
+/* elimination: linear equations among the unknowns of a block matrix, each solved for its first unknown. Floor 3,
  * internal.
  *
  * Equation c, sum_k a_k u[dof_k] = value, gives its first unknown, the slave: u_s = (value - sum_{k>0} a_k u_k) / a_0.
@@ -38531,7 +38545,7 @@ SB_INLINE sb_real sbi_elimination_get(const sb_vec3 *v, int dof)
 
 #endif /* SB_ELIMINATION_H */
 
-/* ==== src/softbody/elimination.c ==== */
+/* ==== src/softbody/body/elimination.c ==== */
 /* elimination: order of the equations, T, the condensed matrix, gaps. */
 
 #include <limits.h>
@@ -39158,10 +39172,10 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
     }
 }
 
-/* ==== src/softbody/body_state.h ==== */
-/* body_state: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
-#ifndef SB_BODY_STATE_H
-#define SB_BODY_STATE_H
+/* ==== src/softbody/body/body_private.h ==== */
+/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+#ifndef SB_BODY_PRIVATE_H
+#define SB_BODY_PRIVATE_H
 
 
 typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
@@ -39473,9 +39487,9 @@ SB_INLINE int sbi_body_points(const sb_body *body)
     return body->domain.points_per_cell - body->domain.mean_point;
 }
 
-#endif /* SB_BODY_STATE_H */
+#endif /* SB_BODY_PRIVATE_H */
 
-/* ==== src/softbody/body.c ==== */
+/* ==== src/softbody/body/body.c ==== */
 /* body: creation, properties, supports, loads, readings. */
 
 #include <string.h>
@@ -41582,7 +41596,7 @@ SB_API const char *sb_check_string(unsigned warning)
     }
 }
 
-/* ==== src/softbody/load.c ==== */
+/* ==== src/softbody/body/load.c ==== */
 /* load: dead loads, follower pressure, springs, penalty mappings. */
 
 #include <string.h>
@@ -42581,7 +42595,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
-/* ==== src/softbody/embed_search.h ==== */
+/* ==== src/softbody/geometry/embed_search.h ==== */
 /* embed_search: where a point lies in a volume mesh: the closest element, and the way to it along smooth normals.
  * Internal to embed, floor 2. */
 #ifndef SB_EMBED_SEARCH_H
@@ -42678,7 +42692,7 @@ SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi
 
 #endif /* SB_EMBED_SEARCH_H */
 
-/* ==== src/softbody/embed_search.c ==== */
+/* ==== src/softbody/geometry/embed_search.c ==== */
 /* embed_search: closest points in curved elements, search tree, smooth normals, feet of points outside. */
 
 #include <string.h>
@@ -43729,7 +43743,7 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     return element;
 }
 
-/* ==== src/softbody/embed.c ==== */
+/* ==== src/softbody/geometry/embed.c ==== */
 /* embed: creation, groups of points that share a cell, evaluation, transpose. */
 
 #include <limits.h>
@@ -45204,7 +45218,7 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-/* ==== src/softbody/constraint.c ==== */
+/* ==== src/softbody/body/constraint.c ==== */
 /* constraint: equations of a body, ties, forces, and what steps ask of them. */
 
 #include <limits.h>
@@ -46064,7 +46078,7 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
     return energy;
 }
 
-/* ==== src/softbody/step_explicit.h ==== */
+/* ==== src/softbody/body/step_explicit.h ==== */
 /* step_explicit: central differences, the part of step that solves no systems. Floor 3, internal. */
 #ifndef SB_STEP_EXPLICIT_H
 #define SB_STEP_EXPLICIT_H
@@ -46086,7 +46100,7 @@ SBI_API sb_real sbi_explicit_bound(sb_body *body, const sb_matrix *matrix, const
 
 #endif /* SB_STEP_EXPLICIT_H */
 
-/* ==== src/softbody/step_explicit.c ==== */
+/* ==== src/softbody/body/step_explicit.c ==== */
 /* step_explicit: central differences in the form of velocities at the same times as displacements (Newmark beta 0,
  * gamma 1/2), which can change the length of its steps.
  *
@@ -46625,7 +46639,7 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     return SB_OK;
 }
 
-/* ==== src/softbody/step.c ==== */
+/* ==== src/softbody/body/step.c ==== */
 /* step: one Newton driver for time steps and static solves.
  *
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
@@ -47900,7 +47914,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     return sbi_step_report(info, result);
 }
 
-/* ==== src/softbody/modes.c ==== */
+/* ==== src/softbody/body/modes.c ==== */
 /* modes: block Davidson on A x = mu M x, A = K + shift M, mu = lambda + shift.
  *
  * The basis V is orthonormal in M; H = V^T A V is kept in double. Vectors are 0 on supported axes, where A has rows of
@@ -48615,7 +48629,7 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     return result;
 }
 
-/* ==== src/softbody/state.c ==== */
+/* ==== src/softbody/body/state.c ==== */
 /* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
 
 #include <stdio.h>
@@ -49801,7 +49815,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
     return result;
 }
 
-/* ==== src/softbody/record.c ==== */
+/* ==== src/softbody/body/record.c ==== */
 /* record: recordings of calls, and their replay.
  *
  * A recording is one image, in memory as in the file:

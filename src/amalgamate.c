@@ -19,10 +19,12 @@
  *     internal MACRO          lines of declarations between #if defined(SWITCH) || defined(MACRO) and its #endif are for
  *                             the library alone: they go to the head of the implementation, so that declarations which
  *                             came in before SWITCH was defined lack nothing
+ *     folder NAME [LOWER...]  parts in the subfolder NAME may include parts of NAME and of the folders LOWER, which stand
+ *                             above this line; parts beside the manifest may be included by all
  *     FILE                    a part, relative to the manifest's folder
  *
  * Every part is copied as it is, with LF line ends and without its #include "..." lines; each of those must name
- * a part that stands higher up, which keeps a room from calling a higher floor. FILE... are the files found in the
+ * a part that stands higher up, in a folder that its own may include: so no room calls a higher floor. FILE... are the files found in the
  * folder (the Makefile lists them, C99 cannot): one that no manifest line names is an error, so that no room is
  * forgotten. On any error the tool says what is wrong on stderr, returns 1 and leaves the output as it was. */
 #include <ctype.h>
@@ -31,7 +33,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PARTS = 256, MAX_NAME = 512, MAX_WORDS = 4 };
+enum { MAX_PARTS = 256, MAX_NAME = 512, MAX_WORDS = 12, MAX_FOLDERS = 16 };
 
 typedef struct text {
     char *data; /* ends with a zero */
@@ -44,9 +46,16 @@ static const char *const section_names[SECTION_COUNT] = {"top", "declarations", 
 
 typedef struct part {
     char path[MAX_NAME]; /* manifest's folder and file name */
+    int folder;          /* subfolder, or -1: beside the manifest */
     int section;
     text content;
 } part;
+
+/* A subfolder and what its parts may include. */
+typedef struct subfolder {
+    char name[MAX_NAME];
+    int may_include[MAX_FOLDERS]; /* by number of folder */
+} subfolder;
 
 typedef struct manifest {
     const char *path;
@@ -60,6 +69,8 @@ typedef struct manifest {
     char guard[MAX_NAME];  /* macro of the declarations */
     char user_switch[MAX_NAME]; /* macro that asks for the implementation */
     char internal[MAX_NAME];    /* macro that opens what is internal to sources built one by one */
+    subfolder folders[MAX_FOLDERS];
+    int folder_count;
     part *parts;
     int part_count;
 } manifest;
@@ -172,6 +183,41 @@ static int find_part(const manifest *m, const char *path)
     return -1;
 }
 
+/* Number of the subfolder, of which only the first `length` letters count, or -1. */
+static int find_folder(const manifest *m, const char *name, size_t length)
+{
+    for (int i = 0; i < m->folder_count; i++)
+        if (strlen(m->folders[i].name) == length && strncmp(m->folders[i].name, name, length) == 0)
+            return i;
+    return -1;
+}
+
+static void add_folder(manifest *m, char **words, int count, int line)
+{
+    subfolder *folder = &m->folders[m->folder_count];
+    if (m->folder_count == MAX_FOLDERS)
+        fail("%s:%d: more than %d folders", m->path, line, MAX_FOLDERS);
+    if (find_folder(m, words[1], strlen(words[1])) >= 0)
+        fail("%s:%d: %s is named twice", m->path, line, words[1]);
+    copy_name(folder->name, words[1]);
+    for (int i = 2; i < count; i++) {
+        int lower = find_folder(m, words[i], strlen(words[i]));
+        if (lower < 0)
+            fail("%s:%d: the folder %s does not stand above this line", m->path, line, words[i]);
+        folder->may_include[lower] = 1;
+    }
+    folder->may_include[m->folder_count++] = 1;
+}
+
+static int folder_of_part(const manifest *m, const char *name, int line)
+{
+    const char *slash = strncmp(name, "../", 3) == 0 ? NULL : strchr(name, '/');
+    int folder = slash ? find_folder(m, name, (size_t)(slash - name)) : -1;
+    if (slash && folder < 0)
+        fail("%s:%d: %s is in a folder that has no line", m->path, line, name);
+    return folder;
+}
+
 static void add_part(manifest *m, const char *name, int section, int line)
 {
     char path[MAX_NAME];
@@ -183,6 +229,7 @@ static void add_part(manifest *m, const char *name, int section, int line)
     if (m->part_count == MAX_PARTS)
         fail("%s:%d: more than %d parts", m->path, line, MAX_PARTS);
     strcpy(m->parts[m->part_count].path, path);
+    m->parts[m->part_count].folder = folder_of_part(m, name, line);
     m->parts[m->part_count].section = section;
     m->part_count++;
 }
@@ -229,6 +276,8 @@ static int read_line(manifest *m, char *content, int section, int line)
         copy_name(m->title, title + 5 + strspn(title + 5, " \t"));
     else if (strcmp(words[0], "section") == 0)
         return open_section(m, words, count, line);
+    else if (strcmp(words[0], "folder") == 0 && count >= 2 && count <= MAX_WORDS)
+        add_folder(m, words, count, line);
     else if (strcmp(words[0], "output") == 0 && count == 2)
         copy_name(m->output, words[1]);
     else if (strcmp(words[0], "requires") == 0 && count == 2)
@@ -373,20 +422,38 @@ static void find_version(const manifest *m, char *version)
     snprintf(version, MAX_NAME, "%.*s", (int)(end - at), at);
 }
 
-/* A local #include must name a part above this one; then it may go. */
+/* path = folder of `from` + name, with each "FOLDER/../" taken out. */
+static void resolve_include(char *path, const char *from, const char *name, size_t length)
+{
+    const char *slash = strrchr(from, '/');
+    char *up;
+    if (snprintf(path, MAX_NAME, "%.*s%.*s", slash ? (int)(slash - from) + 1 : 0, from, (int)length, name) >= MAX_NAME)
+        fail("name too long: %s", name);
+    while ((up = strstr(path, "/../")) != NULL) {
+        char *start = up;
+        while (start > path && start[-1] != '/')
+            start--;
+        memmove(start, up + 4, strlen(up + 4) + 1);
+    }
+}
+
+/* A local #include must name a part above this one, in a folder that this one's may include; then it may go. */
 static void check_include(const manifest *m, int part_index, const char *name, size_t length, int line)
 {
-    char wanted[MAX_NAME], path[MAX_NAME];
+    const part *p = &m->parts[part_index];
+    char path[MAX_NAME];
     int found;
-    snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
-    if (*m->required && strncmp(wanted, "../", 3) == 0)
+    resolve_include(path, p->path, name, length);
+    if (*m->required && strncmp(path, m->folder, strlen(m->folder)) != 0)
         return; /* a room of the required header, which has been included */
-    join_path(path, m->folder, wanted);
     found = find_part(m, path);
     if (found < 0)
-        fail("%s:%d: includes %s, which is no part", m->parts[part_index].path, line, wanted);
+        fail("%s:%d: includes %.*s, which is no part", p->path, line, (int)length, name);
     if (found >= part_index)
-        fail("%s:%d: includes %s, which stands lower in %s", m->parts[part_index].path, line, wanted, m->path);
+        fail("%s:%d: includes %.*s, which stands lower in %s", p->path, line, (int)length, name, m->path);
+    if (p->folder >= 0 && m->parts[found].folder >= 0 && !m->folders[p->folder].may_include[m->parts[found].folder])
+        fail("%s:%d: includes %.*s, but %s may not call %s", p->path, line, (int)length, name, m->folders[p->folder].name,
+             m->folders[m->parts[found].folder].name);
 }
 
 /* The name inside #include "name", or NULL when the line is no such line. */

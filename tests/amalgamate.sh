@@ -17,7 +17,7 @@ report() {
     fi
 }
 fresh() { # a small library that is right
-    rm -f src/room/* product.h
+    rm -rf src/room/* product.h
     echo "A licence" >LICENCE
     printf '%s\n' '#ifndef A_H' '#define A_H' '#define A_VERSION_STRING "1.2.3"' '#include <stddef.h>' \
         '#define A_API extern' '/* A_API int a_comment(void); */' 'A_API int' '    a_one(void);' '#endif' >src/room/a.h
@@ -27,7 +27,7 @@ fresh() { # a small library that is right
         'names names.h A_REAL A_API' 'section top' 'section declarations PRODUCT_H' 'names.h' 'a.h' \
         'section implementation A_IMPLEMENTATION' 'a.c' 'section bottom' >src/room/manifest.txt
 }
-run() { "$tool" src/room/manifest.txt src/room/* 2>message.txt; }
+run() { "$tool" src/room/manifest.txt $(find src/room -type f) 2>message.txt; }
 refuses() { # refuses NAME TEXT: the tool fails, says TEXT and leaves the output as it was
     echo "old" >product.h
     ! run && grep -q "$2" message.txt && [ "$(cat product.h)" = old ] && [ ! -e product.h.tmp ]
@@ -67,6 +67,12 @@ fresh && echo "a.c" >>src/room/manifest.txt && refuses "part named twice" "a.c i
 fresh && touch src/room/b.c && refuses "part forgotten" "src/room/b.c is in the folder"
 fresh && echo '#include "b.h"' >>src/room/a.c && refuses "include of no part" "a.c:7: includes b.h, which is no part"
 fresh && echo '#include "a.c"' >>src/room/a.h && refuses "include of a higher floor" "a.h:10: includes a.c, which stands"
+fresh && mkdir -p src/room/low src/room/high && echo '#include "../high/h.h"' >src/room/low/l.c && echo '#define H' >src/room/high/h.h &&
+    sed -i 's/^section top/folder high\nfolder low\nsection top/; s/^a.c/high\/h.h\nlow\/l.c\na.c/' src/room/manifest.txt &&
+    refuses "include of a folder that it may not call" "low/l.c:1: includes ../high/h.h, but low may not call high"
+sed -i 's/^folder low/folder low high/' src/room/manifest.txt && run && grep -q 'src/room/low/l.c' product.h
+report $? "include of a folder that it may call"
+sed -i 's/^folder high/folder other/' src/room/manifest.txt && refuses "folder without a line" "high does not stand above"
 fresh && sed -i 's/1.2.3//; s/_STRING ""/ 1/' src/room/a.h && refuses "no version" "no #define A_VERSION_STRING"
 fresh && rm LICENCE && refuses "no licence" "LICENCE: cannot be opened"
 fresh && echo 'section cellar' >>src/room/manifest.txt && refuses "unknown section" "manifest.txt:14: no such section"

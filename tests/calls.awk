@@ -1,7 +1,7 @@
 # calls.awk: writes a C function for each public function of the headers, which calls it with every argument in turn replaced
 # by absurd ones (tests/hostile.h), and tables of the fields of the structs that are handed over.
 #
-#     awk -f tests/calls.awk tests/calls.txt src/*/*.h >build/calls.h
+#     awk -f tests/calls.awk tests/calls.txt src/*/*.h src/*/*/*.h >build/calls.h
 #
 # tests/calls.txt says what a valid argument is. Fails, naming function and parameter, where it does not.
 

@@ -2,8 +2,8 @@
 #ifndef NDL_API_H
 #define NDL_API_H
 
-#include "../softbody/core.h"
-#include "../softbody/dense.h"
+#include "../softbody/base/core.h"
+#include "../softbody/base/dense.h"
 #include "names.h"
 
 #define NDL_VERSION_MAJOR 0

@@ -1,4 +1,4 @@
-/* band: symmetric positive definite systems of small bandwidth, as chains of nodes make them. Floor 1, internal. */
+/* band: symmetric positive definite systems of small bandwidth, as chains of nodes make them. Floor 6, internal. */
 #ifndef NDL_BAND_H
 #define NDL_BAND_H
 

@@ -1,4 +1,4 @@
-/* couple: one linear system for tissue and rods that stick to it or slip through it. Floor 4, internal but for
+/* couple: one linear system for tissue and rods that stick to it or slip through it. Floor 6, internal but for
  * ndl_contact. Chapters 7 and 8 of Chentanez 2010, in the null-space form. */
 #ifndef NDL_COUPLE_H
 #define NDL_COUPLE_H

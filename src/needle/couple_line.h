@@ -1,4 +1,4 @@
-/* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 4, internal: couple_line.c is the rod's
+/* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 6, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
  * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of
@@ -15,8 +15,8 @@
 #define NDL_COUPLE_LINE_H
 
 #include "couple.h"
-#include "rod_state.h"
-#include "tissue_state.h"
+#include "rod_private.h"
+#include "tissue_private.h"
 
 /* Unknowns of a rod node in the band: a or z, and alpha. A bend joins the first of node i - 2 to the last of node i. */
 enum { NDLI_LINE_UNKNOWNS = 4, NDLI_LINE_WIDTH = 11 };

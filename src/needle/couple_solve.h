@@ -1,4 +1,4 @@
-/* couple_solve: friction states and motion of a step. Floor 4, internal. */
+/* couple_solve: friction states and motion of a step. Floor 6, internal. */
 #ifndef NDL_COUPLE_SOLVE_H
 #define NDL_COUPLE_SOLVE_H
 

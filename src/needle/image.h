@@ -1,10 +1,10 @@
-/* image: bytes of a saved state. Floor 1, internal.
+/* image: bytes of a saved state. Floor 6, internal.
  *
  * One function per object names its parts in order, whatever for: measuring, writing and reading are the same walk. */
 #ifndef NDL_IMAGE_H
 #define NDL_IMAGE_H
 
-#include "../softbody/state.h"
+#include "../softbody/body/state.h"
 #include "api.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
 /* needle: making, reading and releasing needles; the site that those of one tissue share. */
-#include "needle_state.h"
+#include "needle_private.h"
 
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* needle: flexible needles in soft tissue. A sleeve feeds, turns and moves a needle; its tip cuts, its shaft sticks and
- * slips, and the tissue's mesh follows. Floor 5. Chapters 7 to 10 of Chentanez 2010.
+ * slips, and the tissue's mesh follows. Floor 6. Chapters 7 to 10 of Chentanez 2010.
  *
  *     ndl_needle_def def = ndl_default_needle_def();
  *     def.tissue = tissue;

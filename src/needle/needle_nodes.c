@@ -1,7 +1,7 @@
 /* needle_nodes: which nodes a rod has. In the tissue those of the remesher's path, outside enough for its bends: they
  * slide along with the needle, and are dropped where they come close to the sleeve or the skin, and made where it gets
  * empty. */
-#include "needle_state.h"
+#include "needle_private.h"
 
 #include <string.h>
 

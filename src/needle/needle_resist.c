@@ -1,5 +1,5 @@
 /* needle_resist: what the tissue does to a needle: friction along it, forces that its tip must cut with. */
-#include "needle_state.h"
+#include "needle_private.h"
 
 #include <string.h>
 

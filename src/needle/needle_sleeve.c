@@ -1,5 +1,5 @@
 /* needle_sleeve: where a needle's sleeve is after a step, and what it feeds and turns. */
-#include "needle_state.h"
+#include "needle_private.h"
 
 NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
 {

@@ -1,7 +1,7 @@
 /* needle_step: one step of a tissue and its needles. Sleeves are moved and fed, one linear system gives the motion of
  * all, the remesher follows the tips, and the rods' nodes follow the remesher. */
 #include "couple_solve.h"
-#include "needle_state.h"
+#include "needle_private.h"
 
 #include <string.h>
 

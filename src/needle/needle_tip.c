@@ -1,7 +1,7 @@
 /* needle_tip: where a needle's tip cuts to, and the mesh that follows it there. */
 #include <string.h>
 
-#include "needle_state.h"
+#include "needle_private.h"
 
 /* ---- where the path looks ---- */
 

@@ -1,5 +1,5 @@
 /* needle_undo: the state of a tissue, its remesher and its needles at the start of a step, in one block. */
-#include "needle_state.h"
+#include "needle_private.h"
 
 #include <string.h>
 

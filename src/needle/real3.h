@@ -1,4 +1,4 @@
-/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 0, internal. A rod is a million times stiffer along
+/* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 6, internal. A rod is a million times stiffer along
  * itself than across: float holds neither its strains nor its matrices, so rods are computed in double in float
  * builds, too. */
 #ifndef NDL_REAL3_H

@@ -1,4 +1,4 @@
-/* remesh: keeps a node of the tissue at the tip of every needle, and a path of edges along what is inserted. Floor 4.
+/* remesh: keeps a node of the tissue at the tip of every needle, and a path of edges along what is inserted. Floor 6.
  * Chapter 9 of Chentanez 2010: node snaps and edge, face and tet splits round the tip, the best of them by the quality
  * of the mesh they leave, and a stack of undone splits, so that the tissue is the original one after the needle. */
 #ifndef NDL_REMESH_H

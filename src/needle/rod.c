@@ -1,5 +1,5 @@
 /* rod: creation, supports, loads, nodes and readings of a rod. */
-#include "rod_state.h"
+#include "rod_private.h"
 
 static const unsigned ndli_rod_cookie = 0x726f6431u, ndli_rod_static_cookie = 0x726f6432u;
 static const double ndli_rod_pi = 3.141592653589793;

@@ -1,4 +1,4 @@
-/* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 3.
+/* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 6.
  *
  * A rod is a chain of nodes x_0 (base) ... x_n-1 (tip) and the edges e_j = x_j+1 - x_j between them. Each edge carries
  * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which tells how the rod is turned about its own

@@ -5,7 +5,7 @@
  *     D0 = d kb/d e_i-1 = (-kb tt^T - (2/chi) [b])/l_i-1,   D1 = d kb/d e_i = (-kb tt^T + (2/chi) [a])/l_i
  * and in the frame of edge j the curvature is w_j = (kb.m2_j, -kb.m1_j). kb is at right angles to both edges, so that
  * the turning of the frames with their edges drops out of the first derivatives of w. */
-#include "rod_state.h"
+#include "rod_private.h"
 
 /* Beyond this turn from edge to edge (2.94 rad) a rod counts as folded: its curvature grows without bound. */
 static const double ndli_rod_least_chi = 0.02;

@@ -5,7 +5,7 @@
  * beyond. Minimising it together with twist and bending from the anchors of the last state is one implicit step of the
  * plastic flow; the anchors then follow what has slipped. Where the frame that theta is told from turns by itself
  * (folded reference twist, other nodes), theta and anchor change alike. */
-#include "rod_state.h"
+#include "rod_private.h"
 
 NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag)
 {

@@ -5,7 +5,7 @@
  * clamped base edge and beyond it by a scale of their own, so that the clamp keeps its edge. Interpolation is Akima's
  * (1970, "A new method of interpolation and smooth curve fitting based on local procedures"): local, without
  * overshoot next to straight data, but not monotone. */
-#include "rod_state.h"
+#include "rod_private.h"
 
 /* ---- interpolation ---- */
 

@@ -5,7 +5,7 @@
  * with inertia = 1/(beta dt^2) and the dissipation of ndli_rod_set_viscous; without both that is the static
  * potential. */
 #include "band.h"
-#include "rod_state.h"
+#include "rod_private.h"
 
 typedef struct ndli_rod_problem {
     double inertia;   /* 1/s^2: d a'/d x'; 0: statics */

@@ -4,8 +4,8 @@
 #include "state.h"
 
 #include "image.h"
-#include "rod_state.h"
-#include "tissue_state.h"
+#include "rod_private.h"
+#include "tissue_private.h"
 
 #include <limits.h>
 

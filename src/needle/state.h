@@ -1,4 +1,4 @@
-/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 5. */
+/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 6. */
 #ifndef NDL_STATE_H
 #define NDL_STATE_H
 

@@ -1,5 +1,5 @@
 /* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
- * one that pushes tissue so that a target moves onto a straight needle's path. Floor 5.
+ * one that pushes tissue so that a target moves onto a straight needle's path. Floor 6.
  *
  * A needle with a bevelled tip that is pushed into tissue bends towards one side; turning its base turns that side.
  * With a steady turn the tip draws a helix, with none a circle. All here works on the tip's pose alone: it needs no
@@ -20,7 +20,7 @@
 #ifndef NDL_STEER_H
 #define NDL_STEER_H
 
-#include "../softbody/surface.h"
+#include "../softbody/geometry/surface.h"
 #include "api.h"
 #include "rod.h"
 

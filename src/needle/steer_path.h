@@ -1,4 +1,4 @@
-/* steer_path: poses, helices, and how near paths come to obstacles, in double. Floor 5, internal: the planner's and the
+/* steer_path: poses, helices, and how near paths come to obstacles, in double. Floor 6, internal: the planner's and the
  * controller's. */
 #ifndef NDL_STEER_PATH_H
 #define NDL_STEER_PATH_H

@@ -1,5 +1,5 @@
 /* tissue: creation, supports, loads and readings. */
-#include "tissue_state.h"
+#include "tissue_private.h"
 
 #include "image.h"
 

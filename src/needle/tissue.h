@@ -1,5 +1,5 @@
 /* tissue: the dynamics of the tissue that needles work in: corotated linear tets whose mesh changes while it moves.
- * Floor 4. */
+ * Floor 6. */
 #ifndef NDL_TISSUE_H
 #define NDL_TISSUE_H
 

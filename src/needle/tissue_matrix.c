@@ -1,7 +1,8 @@
 /* tissue_matrix: rest data, rotations, forces, and the stiffness matrix that follows a mesh whose topology changes. */
-#include "tissue_state.h"
+#include "../softbody/base/lanes.h"
+#include "tissue_private.h"
 
-#include "../softbody/sparse.h"
+#include "../softbody/solve/sparse.h"
 
 #include <limits.h>
 #include <string.h>

@@ -1,8 +1,8 @@
-/* tissue_mesh: the tissue around a needle, a tet4 mesh whose nodes move and whose topology changes. Floor 4. */
+/* tissue_mesh: the tissue around a needle, a tet4 mesh whose nodes move and whose topology changes. Floor 6. */
 #ifndef NDL_TISSUE_MESH_H
 #define NDL_TISSUE_MESH_H
 
-#include "../softbody/mesh.h"
+#include "../softbody/mesh/mesh.h"
 #include "api.h"
 
 /* What a node is; flags of ndl_tissue_mesh.node_flags. */

@@ -3,7 +3,7 @@
  * The blocks smooth, the modes carry what is long: without them iterations grow with the number of elements along the
  * body. Added, not multiplied: one product with A per iteration. Any coarse matrix that is positive definite keeps the
  * whole so, which is why one of some steps ago will do. */
-#include "tissue_state.h"
+#include "tissue_private.h"
 
 #include <limits.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* tissue_step: one linear system for the accelerations at the end of the step. */
-#include "tissue_state.h"
+#include "tissue_private.h"
 
 #include <string.h>
 

@@ -2,8 +2,8 @@
 #ifndef REG_API_H
 #define REG_API_H
 
-#include "../softbody/core.h"
-#include "../softbody/dense.h"
+#include "../softbody/base/core.h"
+#include "../softbody/base/dense.h"
 #include "names.h"
 
 #define REG_VERSION_MAJOR 0

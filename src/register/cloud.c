@@ -1,8 +1,8 @@
 /* cloud: making, normals, thinning, outliers. Files are in cloud_file.c. */
 #include "cloud.h"
 
-#include "../softbody/meshio_reader.h"
-#include "../softbody/surface.h"
+#include "../softbody/mesh/meshio_reader.h"
+#include "../softbody/geometry/surface.h"
 
 /* ==== making ====================================================================================================== */
 

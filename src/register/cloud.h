@@ -1,4 +1,4 @@
-/* cloud: point clouds: files, normals, thinning, outliers. Floor 3.
+/* cloud: point clouds: files, normals, thinning, outliers. Floor 6.
  *
  *     reg_cloud cloud;
  *     if (reg_cloud_load(&cloud, "scan.ply", 1, NULL, &error) != SB_OK) ...
@@ -10,7 +10,7 @@
 #ifndef REG_CLOUD_H
 #define REG_CLOUD_H
 
-#include "../softbody/surface.h"
+#include "../softbody/geometry/surface.h"
 #include "kdtree.h"
 
 /* Points with normals or without. Its arrays come from its allocator; fill them by hand only with memory of that. */

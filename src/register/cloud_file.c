@@ -1,7 +1,7 @@
 /* cloud_file: reading and writing clouds, on the readers of meshes. Part of the room cloud. */
 #include "cloud.h"
 
-#include "../softbody/meshio_reader.h"
+#include "../softbody/mesh/meshio_reader.h"
 
 #include <limits.h>
 

@@ -1,7 +1,7 @@
 /* cloud_smooth: noise and outliers of what was seen, by local fits. */
 #include <string.h>
 
-#include "../softbody/surface.h"
+#include "../softbody/geometry/surface.h"
 #include "cloud.h"
 
 enum {

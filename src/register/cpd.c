@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#include "../softbody/embed_search.h"
-#include "cpd_state.h"
+#include "../softbody/geometry/embed_search.h"
+#include "cpd_private.h"
 
 enum { REGI_CPD_COOKIE = 0x63706431 };
 

@@ -1,4 +1,4 @@
-/* cpd: coherent point drift, which moves one point cloud onto another without knowing pairs. Floor 4.
+/* cpd: coherent point drift, which moves one point cloud onto another without knowing pairs. Floor 6.
  *
  *     reg_cpd_options options = reg_default_cpd_options();
  *     reg_cpd *fit = NULL;

@@ -3,7 +3,7 @@
  * With G = L L^T the system of the paper, (P G + lambda s2) W = r with r = P X - P Y, is met by T = Y + L c with
  * (L^T P L + lambda s2) c = L^T r: symmetric and positive definite, and points without partners (P = 0) need no
  * division. c = L^T W, so |c|^2 is the regularising term tr(W^T G W). */
-#include "cpd_state.h"
+#include "cpd_private.h"
 
 #include <string.h>
 

@@ -4,7 +4,7 @@
  * every P is small for certain, by the distances of boxes; all others are summed in loops over whole blocks. That is
  * faster than a search tree with its single points, needs none for the source, which moves, and the bound holds without
  * a guess of the width: a term left out is below tolerance / M of the largest term, or of c. */
-#include "cpd_state.h"
+#include "cpd_private.h"
 
 #include <string.h>
 

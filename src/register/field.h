@@ -1,8 +1,8 @@
-/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 3. */
+/* field: the potential about a target that matching slides down: its distance, or Laplace's. Floor 6. */
 #ifndef REG_FIELD_H
 #define REG_FIELD_H
 
-#include "../softbody/surface.h"
+#include "../softbody/geometry/surface.h"
 #include "api.h"
 
 typedef enum reg_field_kind {

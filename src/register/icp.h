@@ -1,4 +1,4 @@
-/* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 4.
+/* icp: rigid alignment of an organ model with what is seen of it, from any pose. Floor 6.
  *
  *     reg_icp_shape model = {0}, target = {0};       (points and count; best with normals, or a surface)
  *     reg_icp_options options = reg_default_icp_options();
@@ -13,7 +13,7 @@
 #ifndef REG_ICP_H
 #define REG_ICP_H
 
-#include "../softbody/surface.h"
+#include "../softbody/geometry/surface.h"
 #include "cloud.h"
 #include "rigid.h"
 

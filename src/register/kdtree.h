@@ -1,4 +1,4 @@
-/* kdtree: nearest points of a cloud. Floor 2.
+/* kdtree: nearest points of a cloud. Floor 6.
  *
  * A balanced tree over a copy of the points, eight to a leaf and side by side there; every node knows the smallest
  * boxes around its halves. Queries allocate and change nothing, so any number of threads may ask at once, and give the

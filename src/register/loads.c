@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#include "../softbody/direct_front.h"
-#include "match_state.h"
+#include "../softbody/solve/direct_front.h"
+#include "match_private.h"
 
 #define REGI_LOADS_COOKIE 0x6c6f6164u
 

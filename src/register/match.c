@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#include "../softbody/embed.h"
-#include "match_state.h"
+#include "../softbody/geometry/embed.h"
+#include "match_private.h"
 
 #define REGI_MATCH_COOKIE 0x6d617463u
 

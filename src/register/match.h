@@ -1,4 +1,4 @@
-/* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 5.
+/* match: physics-based shape matching: an elastic organ whose charged surface is drawn onto a target. Floor 6.
  *
  * The organ is a body of any mesh and material (corotated; linear is the thesis' other variant). Its surface carries
  * charges, one in each triangle or at each vertex, held by the element they lie in. The surface may be the model's own
@@ -23,7 +23,7 @@
 #ifndef REG_MATCH_H
 #define REG_MATCH_H
 
-#include "../softbody/body.h"
+#include "../softbody/body/body.h"
 #include "field.h"
 
 typedef enum reg_match_method {

@@ -1,8 +1,8 @@
 /* match_step: one step of a match: look at the target, pull, solve, raise the charge. */
 #include <string.h>
 
-#include "../softbody/load.h"
-#include "match_state.h"
+#include "../softbody/body/load.h"
+#include "match_private.h"
 
 static double regi_match_now(const reg_match *match) { return match->clock ? match->clock() : 0.0; }
 

@@ -3,9 +3,9 @@
 
 #include <string.h>
 
-#include "../softbody/embed.h"
+#include "../softbody/geometry/embed.h"
 #include "kdtree.h"
-#include "nicp_state.h"
+#include "nicp_private.h"
 
 #define REGI_NICP_COOKIE 0x6e696370u
 

@@ -1,4 +1,4 @@
-/* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 5.
+/* nicp: non-rigid ICP: an elastic organ whose visible surface is drawn to its closest points of a target. Floor 6.
  *
  * Points of the organ's surface, the sources, are paired with the target both ways: each source i with the closest
  * place N_s(i) of the target, and each point j of the target with its closest source N_t(j). A source is drawn by
@@ -18,8 +18,8 @@
 #ifndef REG_NICP_H
 #define REG_NICP_H
 
-#include "../softbody/body.h"
-#include "../softbody/grid.h"
+#include "../softbody/body/body.h"
+#include "../softbody/geometry/grid.h"
 #include "cloud.h"
 #include "field.h"
 

@@ -1,9 +1,9 @@
 /* nicp_step: a look at the target, partners both ways, and the balance after it. */
 #include <string.h>
 
-#include "../softbody/load.h"
-#include "../softbody/step.h"
-#include "nicp_state.h"
+#include "../softbody/body/load.h"
+#include "../softbody/body/step.h"
+#include "nicp_private.h"
 
 static double regi_nicp_now(const reg_nicp *nicp) { return nicp->clock ? nicp->clock() : 0.0; }
 

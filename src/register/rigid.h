@@ -1,4 +1,4 @@
-/* rigid: rigid motions, and the one that brings points nearest to their partners. Floor 1. */
+/* rigid: rigid motions, and the one that brings points nearest to their partners. Floor 6. */
 #ifndef REG_RIGID_H
 #define REG_RIGID_H
 

@@ -15,6 +15,8 @@
 #define sb_output_close sb_output_close_f32
 #define sb_output_discard sb_output_discard_f32
 #define sb_file_save sb_file_save_f32
+#define sb_mapping_apply sb_mapping_apply_f32
+#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_element_name sb_element_name_f32
 #define sb_element_face sb_element_face_f32
 #define sb_element_edge sb_element_edge_f32
@@ -147,8 +149,6 @@
 #define sb_direct_get_info sb_direct_get_info_f32
 #define sb_domain_create sb_domain_create_f32
 #define sb_domain_free sb_domain_free_f32
-#define sb_mapping_apply sb_mapping_apply_f32
-#define sb_mapping_spread sb_mapping_spread_f32
 #define sb_solver_auto sb_solver_auto_f32
 #define sb_precond_string sb_precond_string_f32
 #define sb_default_preconditioner_def sb_default_preconditioner_def_f32

@@ -1,0 +1,113 @@
+/* needle_private: what is inside a needle, and what the needles of a tissue share. Floor 6, internal: needle.c makes and
+ * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
+ * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
+#ifndef NDL_NEEDLE_PRIVATE_H
+#define NDL_NEEDLE_PRIVATE_H
+
+#include "couple_line.h"
+#include "needle.h"
+#include "state.h"
+
+typedef struct ndli_capsule {
+    ndl_membrane def;
+    sb_surface *surface; /* the faces between its regions in the undeformed tissue */
+} ndli_capsule;
+
+struct ndl_needle {
+    sb_allocator allocator;
+    ndl_tissue *tissue;
+    int index;            /* number at the remesher */
+    ndl_rod *rod;
+    ndli_line line;
+    ndl_bevel bevel;
+    ndl_friction *frictions;
+    int friction_count;
+    ndli_capsule *capsules;
+    int capsule_count;
+    ndl_cutting cutting_at;
+    void *cutting_user;
+    int max_trials;
+    sb_real entry_slip;
+    double edge_length;   /* m, of nodes outside */
+
+    ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
+    int base_given;       /* 1: the sleeve shall be at given_... at the end of the step */
+    ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
+
+    double fed, advance;  /* m */
+    ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
+                           * chord of it, which lags behind by an angle that remeshing changes */
+    ndli_v3 base_force, base_torque; /* N, N m about the outlet */
+    int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
+                           * there. Tets between such a tip and the skin would be flat */
+    int *path;            /* [capacity] tissue nodes of rod nodes line.first .. */
+    int pushed;           /* 1: the present substep's command takes the needle forward */
+    int blocked, limited; /* in the present step */
+    int hold_steps;       /* substeps for which the tip is held because the remesher could not follow it */
+
+    /* holds nothing between calls */
+    ndli_v3 *places, *place_tangents; /* [capacity] new nodes of the rod */
+    ndli_v3 *old_contact;             /* [capacity] */
+    int *old_path;                    /* [capacity] */
+    unsigned char *old_state;         /* [capacity] */
+    void *memory;
+};
+
+/* What the needles of one tissue share; made for the first, gone with the last. */
+struct ndli_site {
+    ndl_remesh *remesh;
+    ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
+    int count;
+    double mean_edge;  /* of the undeformed tissue (m) */
+    int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
+    int coupled_count;
+    size_t coupled_room;
+    unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
+    size_t undo_room;
+};
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_sleeve ---- */
+
+/* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
+NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, double dt, int left);
+/* How far the base's m1, carried with its edge to `axis`, is from the given director (rad). */
+NDLI_API double ndli_needle_given_turn(const ndl_needle *needle, ndli_v3 axis);
+
+/* ---- needle_resist ---- */
+
+/* 0: a membrane between regions that do not meet (*bad is its number), or no memory (*bad -1). */
+NDLI_API int ndli_needle_make_capsules(ndl_needle *needle, const ndl_membrane *membranes, int count, int *bad);
+/* Friction of the line's nodes and edges, and what the tip has to cut, where they are now. */
+NDLI_API void ndli_needle_resist(ndl_needle *needle);
+
+/* ---- needle_tip ---- */
+
+/* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
+NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
+/* After a substep: the tip enters, goes on, or back; needle->advance tells how far. What could not be done holds the tip
+ * and is no failure, but for SB_ERROR_UNSUPPORTED: another needle's element is in the way. */
+NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error);
+
+/* ---- needle_nodes ---- */
+
+/* 1 when the rod's nodes are at those of its path. */
+NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
+
+/* Once the remesher has followed the tip: the rod's nodes on those of its path, and about as many outside as should be.
+ * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
+ * little: then it has its old nodes. */
+NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_undo ---- */
+
+/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
+NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more);
+/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
+ * none. */
+NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
+/* Brings it back. */
+NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
+#endif
+
+#endif /* NDL_NEEDLE_PRIVATE_H */

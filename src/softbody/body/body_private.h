@@ -1,0 +1,318 @@
+/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+#ifndef SB_BODY_PRIVATE_H
+#define SB_BODY_PRIVATE_H
+
+#include "../fem/assembly.h"
+#include "body.h"
+#include "elimination.h"
+
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+
+/* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
+ * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+typedef struct sbi_load {
+    sbi_load_kind kind;
+    int id;
+    void *memory;             /* the one block behind the arrays */
+    int row_count;            /* springs, rows, or faces */
+    int *row_start;           /* [row_count + 1] */
+    int *nodes;               /* [row_start[row_count]] */
+    int *blocks;              /* for each row, the matrix block of each pair of its nodes */
+    int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
+    int balanced;             /* 1: a static solve has ended with the balanced values */
+
+    sb_element_type *face_types; /* [row_count] of a pressure */
+    sb_real pressure, balanced_pressure; /* Pa */
+
+    sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */
+    sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
+    sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
+                               * and not as a position, the force has the displacement's precision */
+    sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
+    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
+                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
+                               * most unit length, it is that much softer */
+    double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
+} sbi_load;
+
+/* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
+typedef struct sbi_step_guard {
+    sb_real stable_step;         /* at the last look (s) */
+    int age;                     /* substeps since */
+    int ledger_open;             /* 1: energy means something */
+    int caution, calm;           /* plan of substeps, and calls that went well with it */
+    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
+} sbi_step_guard;
+
+/* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
+ * row in the replay table of record.c. Codes stand in files: never change one. */
+typedef enum sbi_command_code {
+    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_CLEAR_LOADS = 10,
+    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_RESET = 13,
+    SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
+    SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
+    SBI_COMMAND_STATIC = 16,       /* a: result; ints: load_steps, max_newton, max_iterations, keep_progress,
+                                    * instantaneous + 2 quasi_newton; reals: tolerance */
+    SBI_COMMAND_FIBRES = 17,       /* a: 0 takes them away; reals: one vector per element */
+    SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
+    SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
+    SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
+    SBI_COMMAND_ADD_MAPPING = 21,  /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
+    SBI_COMMAND_POINTS = 22,       /* a: load, b: its kind; reals: points */
+    SBI_COMMAND_STIFFNESS = 23,    /* a: load, b: uniform; ints: its kind; reals: stiffness */
+    SBI_COMMAND_REMOVE_LOAD = 24,  /* a: load */
+    SBI_COMMAND_ADD_CONSTRAINTS = 25,    /* a: count; ints: starts (from any number), unknowns; reals: values,
+                                          * coefficients */
+    SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
+    SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
+    SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
+    SBI_COMMAND_COUNT
+} sbi_command_code;
+
+/* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
+
+typedef struct sbi_command {
+    sbi_command_code code;
+    int a, b;
+    const int *ints;
+    const sb_real *reals;
+    const unsigned char *bytes;
+    size_t int_count, real_count, byte_count;
+    const int *more_ints;
+    size_t more_int_count;
+    const sb_real *more_reals[2];
+    size_t more_real_counts[2];
+} sbi_command;
+
+struct sb_body {
+    sb_allocator allocator;
+    /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
+    void (*observe)(void *observer, const sbi_command *command);
+    void *observer;
+    sb_jobs jobs;
+    sb_clock clock;
+
+    /* what it is made of */
+    sb_domain domain;
+    int own_points;              /* 1: the domain came with the def, not from the elements */
+    sb_matrix matrix;
+    sb_preconditioner *precond;
+    sb_pcg_workspace pcg;
+    sbi_assembly assembly;
+    void *memory;                /* the one block behind the arrays below and in assembly */
+    int material_count;          /* one per region of the mesh */
+    int *material_regions;       /* [material_count] ascending region numbers */
+    sb_material *materials;      /* [material_count] */
+    int *cell_material;          /* [cell_count] */
+    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
+    sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
+    int component_count;         /* connected parts */
+    sb_index_table element_component;
+    sb_index_lists node_elements;
+    int *node_component;         /* [node_count], -1: no element */
+
+    /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
+    int extra_count;
+    int *extra_start;            /* [extra_count + 1] */
+    int *extra_nodes;            /* [extra_start[extra_count]] */
+    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+
+    /* settings */
+    sb_mass_kind mass_kind;
+    sb_integrator integrator;
+    sb_vec3 gravity;
+    sb_real damping_mass, damping_stiffness;
+    sb_real tolerance, newton_tolerance;
+    int max_iterations, max_newton;
+    sb_real spectral_radius;
+    int max_substeps;
+
+    /* mass */
+    sb_real *lumped_mass;        /* [node_count] (kg) */
+    sb_real *part_scale;         /* [parts of the matrix] largest force (N) of each, to compare its residual with */
+    sb_real *mass_blocks;        /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
+    sb_real *load_mass;          /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
+
+    /* supports and loads */
+    unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
+    sbi_load *loads;             /* [load_count] by ascending id */
+    int load_count, load_capacity, last_load_id;
+    int tie_count, tie_capacity; /* parts that rows of mappings tie to each other */
+    int *tie_of;                 /* [component_count] number among the tied parts, or -1 */
+    double *tie_gram;            /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
+    int support_used;            /* blocks in the rows of nodes with fixed axes */
+    int support_capacity;        /* blocks that support_blocks holds */
+    sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
+    sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
+    double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
+    sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
+
+    /* constraints */
+    sbi_elimination *elimination; /* the system they condense, or NULL: none */
+    int next_constraint;         /* number of the next one */
+
+    /* state */
+    sb_vec3 *reference;          /* [node_count] (m) */
+    sb_vec3 *position, *displacement, *velocity, *acceleration;
+    int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
+    int force_current;           /* 1: internal holds the force at displacement */
+    sbi_step_guard guard;
+
+    /* vectors of a solve, [node_count] each */
+    sb_vec3 *internal;           /* internal force (N) */
+    sb_vec3 *external;           /* loads of the last solve (N) */
+    sb_vec3 *follower;           /* forces of `loads` at the displacement of the last residual (N) */
+    sb_vec3 *equilibrated;       /* dead loads that the last static solve ended with (N) */
+    sb_vec3 *residual;           /* M a + D v + internal - external */
+    sb_vec3 *rhs, *increment, *reaction;
+    sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
+    sb_vec3 *start;              /* displacement at the start of the step */
+    sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
+    int saved_force_current, saved_unknots;
+    sbi_precond_memory saved_precond;
+    sb_vec3 *converged;          /* displacement at the last converged load increment */
+    sb_vec3 *work, *work2;
+};
+
+/* All that depends on the pattern of the matrix, made anew before any of it is put in place. A caller with matrices
+ * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
+ * give up. */
+typedef struct sbi_body_pattern {
+    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    sb_matrix matrix;
+    sb_preconditioner *precond;
+    sbi_elimination *elimination; /* NULL: the body has no constraints */
+    int extra_count;
+    int *extra_start, *extra_nodes;
+    void *memory;
+    sb_real *mass_blocks;        /* NULL: lumped */
+    int *pair_start;             /* NULL: not a batched body */
+    int support_used, support_capacity;
+    void *support_blocks;        /* NULL: the present ones are large enough */
+    void *damping_blocks;        /* NULL: the body has none */
+} sbi_body_pattern;
+
+/* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
+ * coupled too, beside the elements' and those of all rows before. SB_ERROR_MEMORY, SB_ERROR_INDEX (a node out of
+ * range): nothing was made. Takes nothing when every row fits already. */
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error);
+/* The rest of a pattern whose rows (extra_...) are there, for supports that may be still to come (fixed[node_count]);
+ * no elimination. On failure the pattern is freed, rows included. */
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error);
+/* Puts it in place; cannot fail. Values of the matrix and what the preconditioner learnt are gone, the state is not. */
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern);
+/* Gives it up. */
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern);
+/* What an elimination is made for with this matrix; borrowed from the body. */
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix);
+/* Makes and takes: all or nothing. */
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error);
+/* Tells the observer, if there is one, of a command without bytes. */
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count);
+/* The same for any command. */
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
+/* SB_ERROR_UNSUPPORTED for a body that is being recorded: for callers that move a body by other ways than calls on it,
+ * which no replay could repeat. */
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error);
+
+/* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error);
+
+/* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
+enum { SBI_MATERIAL_MODULI = 10, SBI_MATERIAL_REALS = SBI_MATERIAL_MODULI + 2 * SB_MAX_PRONY_TERMS };
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals);
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals);
+
+/* The parts of creation that loading a state needs, too. Checks: */
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
+ * where there is one material. */
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+/* memory, which only ever grows: */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
+/* and what follows from the materials. */
+SBI_API void sbi_body_materials_changed(sb_body *body);
+
+/* The largest Poisson's ratio of its materials. */
+SBI_API sb_real sbi_body_poisson(const sb_body *body);
+/* Updates a preconditioner of the body's, with what its materials are by now. */
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error);
+/* Recomputes masses after a density changed. */
+SBI_API void sbi_body_update_mass(sb_body *body);
+/* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
+/* out = M x for the body's mass matrix. */
+SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out);
+/* matrix += factor * M */
+SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
+/* Newton iterations of a time step, SB_AUTO resolved. */
+SBI_API int sbi_body_max_newton(const sb_body *body);
+/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+/* position = reference + displacement */
+SBI_API void sbi_body_update_positions(sb_body *body);
+/* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+/* An element's face as a load sees it. */
+typedef struct sbi_body_face {
+    sb_element_type type;
+    int count;
+    int nodes[SB_MAX_FACE_NODES]; /* counter-clockwise from outside */
+    int inner;                    /* 1: an element stands on its other side, too */
+} sbi_body_face;
+/* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                    sb_error *error);
+/* H^T u of a row: the displacement of its point. */
+SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
+
+/* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
+typedef struct sbi_body_rows {
+    int count;
+    const int *start;       /* [count + 1] */
+    const int *nodes;       /* nodes of the terms, each along every axis; or NULL: */
+    const int *dofs;        /* 3 node + axis of the terms */
+    const sb_real *weights;
+} sbi_body_rows;
+/* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
+ * place. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error);
+/* A node of the first connected part whose supports, springs, mappings and constraints leave a rigid motion free, or
+ * -1. */
+SBI_API int sbi_body_unsupported_node(const sb_body *body);
+
+/* Axes of node i, as bits, that no equation of the solved system is for: supported or a constraint's slave. */
+SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
+{
+    return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
+}
+/* Points of an element that others may see: its mean point is ours. */
+SB_INLINE int sbi_body_points(const sb_body *body)
+{
+    return body->domain.points_per_cell - body->domain.mean_point;
+}
+
+#endif /* SB_BODY_PRIVATE_H */

@@ -1,0 +1,999 @@
+/* load: dead loads, follower pressure, springs, penalty mappings. */
+#include "load.h"
+
+#include <string.h>
+
+#include "body_private.h"
+
+/* ---- dead loads ---- */
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    if (result != SB_OK)
+        return result;
+    if (count > 0 && !forces)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(forces[i]))
+            return SB_ERROR_NOT_FINITE;
+    for (int i = 0; i < count; i++) {
+        sb_vec3 f = forces[uniform ? 0 : i];
+        if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
+            return SB_ERROR_INDEX;
+    }
+    for (int i = 0; i < count; i++)
+        body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
+    if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
+                      uniform ? 3 : 3 * (size_t)count);
+    return SB_OK;
+}
+
+SB_API void sb_body_clear_loads(sb_body *body)
+{
+    if (!body)
+        return;
+    memset(body->dead_load, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_tell(body, SBI_COMMAND_CLEAR_LOADS, 0, 0, NULL, 0, NULL, 0);
+}
+
+/* ---- faces ---- */
+
+/* Shape functions of a face type at its quadrature points. */
+typedef struct sbi_load_rule {
+    sb_element_type type; /* SB_NO_ELEMENT: none yet */
+    int count;
+    sb_real weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES];
+    sb_real gradient[SB_MAX_QUADRATURE_POINTS][SB_MAX_FACE_NODES][3];
+} sbi_load_rule;
+
+/* Makes the rule of a type unless it is there already. */
+static void sbi_load_need_rule(sb_element_type type, sbi_load_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3];
+    if (rule->type == type)
+        return;
+    rule->type = type;
+    rule->count = sb_element_quadrature(type, SB_QUADRATURE_FACE, points, rule->weights);
+    for (int p = 0; p < rule->count; p++)
+        sb_element_shape(type, points[p], rule->shape[p], rule->gradient[p]);
+}
+
+/* Sum of N_a x_a and of its derivatives by the face's parameters, at point p. */
+typedef struct sbi_load_tangents {
+    sb_vec3 value, r, s;
+} sbi_load_tangents;
+
+static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, int count, const sb_vec3 *x)
+{
+    sbi_load_tangents sum = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    for (int a = 0; a < count; a++) {
+        sum.value = sb_v3_madd(sum.value, rule->shape[p][a], x[a]);
+        sum.r = sb_v3_madd(sum.r, rule->gradient[p][a][0], x[a]);
+        sum.s = sb_v3_madd(sum.s, rule->gradient[p][a][1], x[a]);
+    }
+    return sum;
+}
+
+/* ---- traction ---- */
+
+/* load_a += int t N_a dA over a face of the reference shape. */
+static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
+                                  sb_vec3 traction)
+{
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    for (int a = 0; a < face->count; a++)
+        x[a] = body->reference[face->nodes[a]];
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, face->count, x);
+        sb_real area = rule->weights[p] * sb_v3_norm(sb_v3_cross(t.r, t.s));
+        for (int a = 0; a < face->count; a++) {
+            sb_vec3 *load = body->dead_load + face->nodes[a];
+            *load = sb_v3_madd(*load, area * rule->shape[p][a], traction);
+        }
+    }
+}
+
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
+                                      sb_vec3 traction, sb_error *error)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    if (!body || face_count < 0 || corners < 3 || corners > 4 || (face_count > 0 && !faces))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_traction needs faces of 3 or 4 corners");
+    if (!sb_v3_is_finite(traction))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the traction is not finite");
+    for (int pass = 0; pass < 2; pass++) /* find all faces before any load changes */
+        for (int f = 0; f < face_count; f++) {
+            sbi_body_face face;
+            sb_result result = sbi_body_get_face(body, faces, f, corners, &face, error);
+            if (result != SB_OK)
+                return result;
+            sbi_load_need_rule(face.type, &rule);
+            if (pass == 1)
+                sbi_load_add_traction(body, &face, &rule, traction);
+        }
+    sbi_body_tell(body, SBI_COMMAND_TRACTION, corners, 0, faces, (size_t)face_count * (size_t)corners, &traction.x, 3);
+    return SB_OK;
+}
+
+/* ---- the list of loads ---- */
+
+/* The load with this id and kind (0: any), or NULL. */
+static sbi_load *sbi_load_find(const sb_body *body, int id, int kind)
+{
+    int low = 0, high = body ? body->load_count : 0;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (body->loads[middle].id < id)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    if (!body || low == body->load_count || body->loads[low].id != id || (kind && (int)body->loads[low].kind != kind))
+        return NULL;
+    return body->loads + low;
+}
+
+static sb_result sbi_load_reserve(sb_body *body, sb_error *error)
+{
+    int capacity = body->load_capacity + body->load_capacity / 2 + 4;
+    sbi_load *grown;
+    if (body->last_load_id == INT32_MAX)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "all ids of loads are used up");
+    if (body->load_count < body->load_capacity)
+        return SB_OK;
+    grown = (sbi_load *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d loads", capacity);
+    if (body->load_count)
+        memcpy(grown, body->loads, (size_t)body->load_count * sizeof *grown);
+    sbi_free(&body->allocator, body->loads);
+    body->loads = grown;
+    body->load_capacity = capacity;
+    return SB_OK;
+}
+
+/* Takes the arrays of a load (measuring or for real). */
+static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena *arena)
+{
+    size_t rows = (size_t)load->row_count;
+    load->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    load->nodes = (int *)sbi_arena_take(arena, (size_t)entries, sizeof(int));
+    load->blocks = (int *)sbi_arena_take(arena, pairs, sizeof(int));
+    if (load->kind == SBI_LOAD_PRESSURE) {
+        load->face_types = (sb_element_type *)sbi_arena_take(arena, rows, sizeof(sb_element_type));
+        return;
+    }
+    load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
+    load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+}
+
+SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+                                sbi_load *load, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    memset(load, 0, sizeof *load);
+    load->kind = kind;
+    load->row_count = rows;
+    load->pattern_version = -1;
+    sbi_load_layout(load, entries, pairs, &arena);
+    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    if (!load->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a load of %d rows", rows);
+    arena.base = (unsigned char *)load->memory;
+    arena.used = 0;
+    sbi_load_layout(load, entries, pairs, &arena);
+    return SB_OK;
+}
+
+/* Appends a load for which sbi_load_reserve found room. */
+static void sbi_load_append(sb_body *body, sbi_load *load, int *load_id)
+{
+    body->guard.stable_step = 0; /* it may be stiff */
+    load->id = ++body->last_load_id;
+    body->loads[body->load_count++] = *load;
+    if (load_id)
+        *load_id = load->id;
+}
+
+/* ---- pressure ---- */
+
+/* Face number f of a caller's list, which must be of the surface. */
+static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *face,
+                                     sb_error *error)
+{
+    sb_result result = sbi_body_get_face(body, faces, f, corners, face, error);
+    if (result == SB_OK && face->inner)
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face->nodes[0],
+                             "face %d (nodes %d %d %d ...) lies between two elements", f, face->nodes[0],
+                             face->nodes[1], face->nodes[2]);
+    return result;
+}
+
+/* A pressure load of these faces, its pressure still 0. */
+static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners,
+                                     sbi_load *load, sb_error *error)
+{
+    size_t entries = 0, pairs = 0;
+    sbi_body_face face;
+    sb_result result = SB_OK;
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        entries += (size_t)face.count;
+        pairs += (size_t)(face.count * face.count);
+        if (result == SB_OK && entries > INT32_MAX)
+            result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
+    }
+    if (result == SB_OK)
+        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+    for (int f = 0; f < face_count && result == SB_OK; f++) {
+        int *nodes = load->nodes + load->row_start[f];
+        result = sbi_load_outer_face(body, faces, f, corners, &face, error);
+        load->face_types[f] = face.type;
+        load->row_start[f + 1] = load->row_start[f] + face.count;
+        memcpy(nodes, face.nodes, (size_t)face.count * sizeof *nodes);
+    }
+    return result;
+}
+
+SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_count, int corners, sb_real pressure,
+                                      int *load_id, sb_error *error)
+{
+    sbi_load load;
+    sb_result result;
+    if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
+    if (!sb_is_finite(pressure))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
+    result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_load_reserve(body, error);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, load.memory);
+        return result;
+    }
+    load.pressure = pressure;
+    sbi_load_append(body, &load, load_id);
+    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure, 1);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressure)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_PRESSURE);
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!sb_is_finite(pressure))
+        return SB_ERROR_NOT_FINITE;
+    body->guard.stable_step = 0;
+    load->pressure = pressure;
+    sbi_body_tell(body, SBI_COMMAND_PRESSURE, load_id, 0, NULL, 0, &pressure, 1);
+    return SB_OK;
+}
+
+/* ---- springs and mappings: making and changing ---- */
+
+/* stiffness[count], or one: each finite and >= 0. */
+static sb_result sbi_load_check_stiffness(const sb_real *stiffness, int count, int uniform, sb_error *error)
+{
+    if (!stiffness)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the stiffness is NULL");
+    for (int j = 0; j < (uniform ? sbi_min_int(count, 1) : count); j++) {
+        if (!sb_is_finite(stiffness[j]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "stiffness %d is not finite", j);
+        if (stiffness[j] < 0)
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "stiffness %d is negative: %g", j,
+                                    (double)stiffness[j]);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_load_check_points(const sb_vec3 *points, int count, sb_error *error)
+{
+    if (!points)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the points are NULL");
+    for (int j = 0; j < count; j++)
+        if (!sb_v3_is_finite(points[j]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "point %d is not finite", j);
+    return SB_OK;
+}
+
+static void sbi_load_put_stiffness(sbi_load *load, const sb_real *stiffness, int uniform)
+{
+    for (int j = 0; j < load->row_count; j++)
+        load->stiffness[j] = stiffness[uniform ? 0 : j];
+}
+
+/* H^T X of a row, in double. */
+static void sbi_load_rest_point(const sb_body *body, const sbi_load *load, int row, double x[3])
+{
+    x[0] = x[1] = x[2] = 0;
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++) {
+        sb_vec3 node = body->reference[load->nodes[k]];
+        x[0] += (double)load->weights[k] * (double)node.x;
+        x[1] += (double)load->weights[k] * (double)node.y;
+        x[2] += (double)load->weights[k] * (double)node.z;
+    }
+}
+
+/* target = y - H^T X */
+static void sbi_load_put_points(const sb_body *body, sbi_load *load, const sb_vec3 *points)
+{
+    for (int j = 0; j < load->row_count; j++) {
+        double x[3];
+        sbi_load_rest_point(body, load, j, x);
+        load->target[j] = sb_v3((sb_real)((double)points[j].x - x[0]), (sb_real)((double)points[j].y - x[1]),
+                                (sb_real)((double)points[j].z - x[2]));
+    }
+}
+
+/* Tells of springs or a mapping as they were given. */
+static void sbi_load_tell_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping, const sb_real *stiffness,
+                               int uniform, const sb_vec3 *points)
+{
+    size_t rows = (size_t)mapping->row_count, entries = (size_t)mapping->row_start[rows];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_ADD_SPRINGS;
+    command.b = uniform != 0;
+    command.ints = mapping->nodes;
+    command.int_count = entries;
+    command.reals = &points[0].x;
+    command.real_count = 3 * rows;
+    command.more_reals[0] = stiffness;
+    command.more_real_counts[0] = uniform ? 1 : rows;
+    if (kind == SBI_LOAD_MAPPING) {
+        command.code = SBI_COMMAND_ADD_MAPPING;
+        command.a = mapping->row_count;
+        command.ints = mapping->row_start;
+        command.int_count = rows + 1;
+        command.more_ints = mapping->nodes;
+        command.more_int_count = entries;
+        command.more_reals[1] = mapping->weights;
+        command.more_real_counts[1] = entries;
+    }
+    sbi_body_tell_command(body, &command);
+}
+
+/* Adds a load of checked rows; all or nothing. */
+static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_mapping *mapping,
+                                   const sb_real *stiffness, int uniform, const sb_vec3 *points, int *load_id,
+                                   sb_error *error)
+{
+    int rows = mapping->row_count, entries = mapping->row_start[rows];
+    size_t pairs = 0;
+    sbi_load load;
+    sbi_body_rows ties;
+    sb_result result;
+    for (int j = 0; j < rows; j++) {
+        size_t size = (size_t)(mapping->row_start[j + 1] - mapping->row_start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            return sbi_fail_element(error, SB_ERROR_MEMORY, j, "row %d is too long", j);
+    }
+    result = sbi_load_make(body, kind, rows, entries, pairs, &load, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(load.row_start, mapping->row_start, ((size_t)rows + 1) * sizeof(int));
+    memcpy(load.nodes, mapping->nodes, (size_t)entries * sizeof(int));
+    memcpy(load.weights, mapping->weights, (size_t)entries * sizeof(sb_real));
+    sbi_load_put_stiffness(&load, stiffness, uniform);
+    sbi_load_put_points(body, &load, points);
+    ties.count = rows;
+    ties.start = load.row_start;
+    ties.nodes = load.nodes;
+    ties.dofs = NULL;
+    ties.weights = load.weights;
+    result = sbi_load_check_points(load.target, rows, error); /* the difference may overflow */
+    if (result == SB_OK)
+        result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_ties(body, &ties, error);
+    if (result == SB_OK)
+        result = sbi_body_extend_pattern(body, rows, load.row_start, load.nodes, error);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, load.memory);
+        return result;
+    }
+    sbi_load_append(body, &load, load_id);
+    sbi_load_tell_rows(body, kind, mapping, stiffness, uniform, points);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
+                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error)
+{
+    sb_mapping mapping;
+    sb_result result;
+    int *starts;
+    sb_real *ones;
+    if (!body || !nodes || count < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
+    for (int i = 0; i < count; i++)
+        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
+                                 body->domain.node_count);
+        else if (body->node_component[nodes[i]] < 0)
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d pulls at node %d, which no element has", i,
+                                 nodes[i]);
+    result = sbi_load_check_stiffness(stiffness, count, uniform, error);
+    if (result == SB_OK)
+        result = sbi_load_check_points(points, count, error);
+    if (result != SB_OK)
+        return result;
+    starts = (int *)sbi_alloc(&body->allocator, (size_t)count + 1, sizeof(int));
+    ones = (sb_real *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_real));
+    for (int i = 0; i <= count && starts && ones; i++) {
+        starts[i] = i;
+        if (i < count)
+            ones[i] = 1;
+    }
+    mapping.row_count = count;
+    mapping.row_start = starts;
+    mapping.nodes = nodes;
+    mapping.weights = ones;
+    result = starts && ones ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id,
+                                                error)
+                            : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
+    sbi_free(&body->allocator, starts);
+    sbi_free(&body->allocator, ones);
+    return result;
+}
+
+static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *mapping, sb_error *error)
+{
+    const int *start = mapping ? mapping->row_start : NULL;
+    if (!mapping || mapping->row_count < 1 || !start || !mapping->nodes || !mapping->weights)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mapping needs rows, nodes and weights");
+    if (start[0] != 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "row_start begins with %d, not 0", start[0]);
+    for (int j = 0; j < mapping->row_count; j++)
+        if (start[j + 1] <= start[j])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
+    for (int j = 0; j < mapping->row_count; j++)
+        for (int k = start[j]; k < start[j + 1]; k++) {
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
+                                        mapping->nodes[k], body->domain.node_count);
+            if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
+                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping has a weight at node %d, which "
+                                        "no element has", j, mapping->nodes[k]);
+            if (!sb_is_finite(mapping->weights[k]))
+                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "row %d of the mapping has a weight that is "
+                                        "not finite", j);
+        }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *targets, int *load_id, sb_error *error)
+{
+    sb_result result;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_mapping needs a body");
+    result = sbi_load_check_mapping(body, mapping, error);
+    if (result == SB_OK)
+        result = sbi_load_check_stiffness(stiffness, mapping->row_count, uniform, error);
+    if (result == SB_OK)
+        result = sbi_load_check_points(targets, mapping->row_count, error);
+    if (result != SB_OK)
+        return result;
+    return sbi_load_add_rows(body, SBI_LOAD_MAPPING, mapping, stiffness, uniform, targets, load_id, error);
+}
+
+static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind kind, const sb_vec3 *points)
+{
+    sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    sb_result result;
+    if (!body || !points)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    result = sbi_load_check_points(points, load->row_count, NULL);
+    for (int j = 0; j < load->row_count && result == SB_OK; j++) { /* as sbi_load_put_points will: may overflow */
+        double x[3];
+        sbi_load_rest_point(body, load, j, x);
+        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) || !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
+            !sb_is_finite((sb_real)((double)points[j].z - x[2])))
+            result = SB_ERROR_NOT_FINITE;
+    }
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_points(body, load, points);
+    sbi_body_tell(body, SBI_COMMAND_POINTS, load_id, (int)kind, NULL, 0, &points[0].x, 3 * (size_t)load->row_count);
+    return SB_OK;
+}
+
+static sb_result sbi_load_set_stiffness(sb_body *body, int load_id, sbi_load_kind kind, const sb_real *stiffness,
+                                        int uniform)
+{
+    sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    const int kinds[1] = {(int)kind};
+    sb_result result;
+    if (!body || !stiffness)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    result = sbi_load_check_stiffness(stiffness, load->row_count, uniform, NULL);
+    if (result != SB_OK)
+        return result;
+    sbi_load_put_stiffness(load, stiffness, uniform);
+    sbi_body_tell(body, SBI_COMMAND_STIFFNESS, load_id, uniform != 0, kinds, 1, stiffness,
+                  uniform ? 1 : (size_t)load->row_count);
+    return SB_OK;
+}
+
+/* An explicit step has to look at its stable step anew when that went well. */
+static sb_result sbi_load_stiffen(sb_body *body, sb_result result)
+{
+    if (result == SB_OK)
+        body->guard.stable_step = 0;
+    return result;
+}
+
+SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points)
+{
+    return sbi_load_set_points(body, load_id, SBI_LOAD_SPRINGS, points);
+}
+
+SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
+{
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_SPRINGS, stiffness, uniform));
+}
+
+SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets)
+{
+    return sbi_load_set_points(body, load_id, SBI_LOAD_MAPPING, targets);
+}
+
+SB_API sb_result sb_body_set_mapping_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform)
+{
+    return sbi_load_stiffen(body, sbi_load_set_stiffness(body, load_id, SBI_LOAD_MAPPING, stiffness, uniform));
+}
+
+SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec3 *points)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    if (!body || !points)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    for (int j = 0; j < load->row_count; j++)
+        points[j] = sbi_body_row_value(load, j, body->position);
+    return SB_OK;
+}
+
+/* ---- values between the last static solve and now ---- */
+
+static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
+{
+    return factor == 1 ? load->pressure
+                       : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
+}
+
+static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
+{
+    sb_real from = load->balanced_stiffness[row];
+    return factor == 1 ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+}
+
+static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
+{
+    sb_vec3 from = load->balanced_target[row];
+    return factor == 1 ? load->target[row] : sb_v3_madd(from, factor, sb_v3_sub(load->target[row], from));
+}
+
+/* What a row's stiffness is k times of, of x: itself, but for what lines leave out. */
+static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
+{
+    sb_vec3 line;
+    if (!load->lines)
+        return x;
+    line = load->lines[row];
+    return sb_v3_madd(sb_v3_scale(1 - sb_v3_dot(line, line), x), sb_v3_dot(line, x), line);
+}
+
+/* k (target - H^T u): the force of a row on the body. */
+static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
+{
+    sb_vec3 way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
+    return sb_v3_scale(sbi_load_stiffness_at(load, row, factor), sbi_load_stiff_part(load, row, way));
+}
+
+/* ---- pressure on one face ---- */
+
+/* Positions of a face's nodes at u, and the rule of its type. Returns the number of nodes. */
+static int sbi_load_gather(const sb_body *body, const sbi_load *load, int face, const sb_vec3 *u, sb_vec3 *x,
+                           sbi_load_rule *rule)
+{
+    sbi_load_need_rule(load->face_types[face], rule);
+    const int *nodes = load->nodes + load->row_start[face];
+    int count = load->row_start[face + 1] - load->row_start[face];
+    for (int a = 0; a < count; a++)
+        x[a] = sb_v3_add(body->reference[nodes[a]], u[nodes[a]]);
+    return count;
+}
+
+/* force_a = -p int N_a x_r x x_s dr ds */
+static void sbi_body_face_force(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                                sb_vec3 *force)
+{
+    memset(force, 0, (size_t)count * sizeof *force);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
+        sb_vec3 push = sb_v3_scale(-pressure * rule->weights[p], sb_v3_cross(t.r, t.s));
+        for (int a = 0; a < count; a++)
+            force[a] = sb_v3_madd(force[a], rule->shape[p][a], push);
+    }
+}
+
+/* df_a/dx_b = [k_ab]x with k_ab = p int N_a (x_s N_b,r - x_r N_b,s), symmetrised: [(k_ab - k_ba) / 2]x. What this drops
+ * is the boundary term of the patch's rim; inside the faces' shares of it cancel. */
+static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb_vec3 *x, sb_real pressure,
+                                  const int *blocks, sb_matrix *matrix)
+{
+    sb_vec3 k[SB_MAX_FACE_NODES][SB_MAX_FACE_NODES];
+    memset(k, 0, sizeof k);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
+        for (int b = 0; b < count; b++) {
+            sb_vec3 arm = sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
+            for (int a = 0; a < count; a++)
+                k[a][b] = sb_v3_madd(k[a][b], pressure * rule->weights[p] * rule->shape[p][a], arm);
+        }
+    }
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) {
+            sb_vec3 v = sb_v3_scale((sb_real)0.5, sb_v3_sub(k[a][b], k[b][a]));
+            sb_real *block = matrix->blocks[blocks[a * count + b]]; /* stiffness is -df/dx */
+            block[1] += v.z;
+            block[2] -= v.y;
+            block[3] -= v.z;
+            block[5] += v.x;
+            block[6] += v.y;
+            block[7] -= v.x;
+        }
+}
+
+/* ---- all loads ---- */
+
+SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
+{
+    double size = 0;
+    memset(body->follower, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            const int *nodes = load->nodes + load->row_start[j];
+            int count = load->row_start[j + 1] - load->row_start[j];
+            sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES], pull;
+            double k, reach;
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, u, x, &rule);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                for (int a = 0; a < count; a++)
+                    body->follower[nodes[a]] = sb_v3_add(body->follower[nodes[a]], force[a]);
+                continue;
+            }
+            pull = sbi_load_row_force(load, j, u, factor);
+            for (int a = 0; a < count; a++) {
+                sb_vec3 *node = body->follower + nodes[a];
+                *node = sb_v3_madd(*node, load->weights[load->row_start[j] + a], pull);
+            }
+            k = (double)sbi_load_stiffness_at(load, j, factor);
+            reach = (double)sb_v3_norm(sbi_load_target_at(load, j, factor));
+            size += k * reach * k * reach;
+        }
+    }
+    return sb_sqrt((sb_real)size);
+}
+
+/* Positions of a load's blocks in the present pattern. */
+static void sbi_load_locate(const sb_body *body, sbi_load *load)
+{
+    int *out = load->blocks;
+    if (load->pattern_version == body->pattern_version)
+        return;
+    for (int j = 0; j < load->row_count; j++)
+        for (int a = load->row_start[j]; a < load->row_start[j + 1]; a++)
+            for (int b = load->row_start[j]; b < load->row_start[j + 1]; b++)
+                *out++ = sb_matrix_find(&body->matrix, load->nodes[a], load->nodes[b]);
+    load->pattern_version = body->pattern_version;
+}
+
+/* block += value line line^T */
+static void sbi_load_add_line(sb_real value, sb_vec3 line, sb_real *block)
+{
+    const sb_real v[3] = {line.x, line.y, line.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            block[3 * i + j] += value * v[i] * v[j];
+}
+
+/* matrix += k H H^T of a row */
+static void sbi_load_row_tangent(const sbi_load *load, int row, const int *blocks, sb_real factor, sb_matrix *matrix)
+{
+    sb_real k = sbi_load_stiffness_at(load, row, factor), across = 1;
+    sb_vec3 line = sb_v3(0, 0, 0);
+    if (load->lines) {
+        line = load->lines[row];
+        across = 1 - sb_v3_dot(line, line);
+    }
+    for (int a = load->row_start[row]; a < load->row_start[row + 1]; a++)
+        for (int b = load->row_start[row]; b < load->row_start[row + 1]; b++) {
+            sb_real value = load->weights[a] * load->weights[b] * k, *block = matrix->blocks[*blocks++];
+            block[0] += value * across;
+            block[4] += value * across;
+            block[8] += value * across;
+            if (load->lines)
+                sbi_load_add_line(value, line, block);
+        }
+}
+
+SBI_API void sbi_loads_add_tangent(sb_body *body, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
+                                   sb_matrix *matrix)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        const int *blocks = load->blocks;
+        sbi_load_rule rule;
+        if (load->kind == SBI_LOAD_PRESSURE && kind != SB_TANGENT_EXACT)
+            continue;
+        sbi_load_locate(body, load);
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            size_t count = (size_t)(load->row_start[j + 1] - load->row_start[j]);
+            sb_vec3 x[SB_MAX_FACE_NODES];
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, u, x, &rule);
+                sbi_body_face_tangent(&rule, (int)count, x, sbi_load_pressure_at(load, factor), blocks, matrix);
+            } else {
+                sbi_load_row_tangent(load, j, blocks, factor, matrix);
+            }
+            blocks += count * count;
+        }
+    }
+}
+
+SBI_API void sbi_loads_subtract_product(const sb_body *body, const sb_vec3 *x, sb_real factor, sb_vec3 *out)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            sb_vec3 part = sbi_load_stiff_part(load, j, sbi_body_row_value(load, j, x));
+            sb_vec3 pull = sb_v3_scale(-sbi_load_stiffness_at(load, j, factor), part);
+            for (int k = load->row_start[j]; k < load->row_start[j + 1]; k++)
+                out[load->nodes[k]] = sb_v3_madd(out[load->nodes[k]], load->weights[k], pull);
+        }
+    }
+}
+
+/* Adds the work of a pressure on a face at x along x + s d: the integrand -p N d.(x_r + s d_r) x (x_s + s d_s). */
+static void sbi_body_face_work(const sbi_load_rule *rule, int count, const sb_vec3 *x, const sb_vec3 *d,
+                               sb_real pressure, sbi_loads_work *work)
+{
+    for (int p = 0; p < rule->count; p++) {
+        sbi_load_tangents at = sbi_load_interpolate(rule, p, count, x), by = sbi_load_interpolate(rule, p, count, d);
+        sb_vec3 turn = sb_v3_add(sb_v3_cross(at.r, by.s), sb_v3_cross(by.r, at.s));
+        sb_real scale = -pressure * rule->weights[p];
+        work->linear += scale * sb_v3_dot(by.value, sb_v3_cross(at.r, at.s));
+        work->quadratic += scale / 2 * sb_v3_dot(by.value, turn);
+        work->cubic += scale / 3 * sb_v3_dot(by.value, sb_v3_cross(by.r, by.s));
+    }
+}
+
+SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, const sb_vec3 *du, sb_real factor)
+{
+    sbi_loads_work work = {0, 0, 0};
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            sb_vec3 x[SB_MAX_FACE_NODES], d[SB_MAX_FACE_NODES], way;
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                int count = sbi_load_gather(body, load, j, u, x, &rule);
+                for (int a = 0; a < count; a++)
+                    d[a] = du[load->nodes[load->row_start[j] + a]];
+                sbi_body_face_work(&rule, count, x, d, sbi_load_pressure_at(load, factor), &work);
+                continue;
+            }
+            way = sbi_body_row_value(load, j, du);
+            work.linear += sb_v3_dot(sbi_load_row_force(load, j, u, factor), way);
+            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 *
+                              sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
+        }
+    }
+    return work;
+}
+
+static double sbi_load_row_energy(const sbi_load *load, int row, const sb_vec3 *u)
+{
+    sb_vec3 stretch = sb_v3_sub(load->target[row], sbi_body_row_value(load, row, u));
+    return 0.5 * (double)load->stiffness[row] * (double)sb_v3_dot(stretch, stretch);
+}
+
+SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++)
+        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+            sum += sbi_load_row_energy(body->loads + l, j, u);
+    return sum;
+}
+
+/* What a row had is its force squared over 2 k. Where k has changed this is too little (stiffer) or too much
+ * (softer: the row gave some off), which errs on the safe side of what may come of it. */
+SBI_API double sbi_loads_new_energy(const sb_body *body)
+{
+    double sum = 0;
+    for (int l = 0; l < body->load_count; l++) {
+        const sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
+            double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
+            sum += gain > 0 ? gain : 0;
+        }
+    }
+    return sum;
+}
+
+SBI_API void sbi_loads_begin_static(sb_body *body)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && !load->balanced && j < load->row_count; j++) {
+            load->balanced_stiffness[j] = load->stiffness[j];
+            load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
+        }
+    }
+}
+
+SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        load->balanced = 1;
+        load->balanced_pressure = sbi_load_pressure_at(load, factor);
+        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+            load->balanced_target[j] = sbi_load_target_at(load, j, factor);
+            load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
+        }
+    }
+}
+
+/* ---- readings ---- */
+
+/* Adds a nodal force of a load to its net force and torque and to `sum`. */
+static void sbi_load_collect(const sb_body *body, const sb_vec3 *u, int node, sb_vec3 f, sbi_load *load, sb_vec3 *sum)
+{
+    sb_vec3 at = sb_v3_add(body->reference[node], u[node]);
+    double fx = (double)f.x, fy = (double)f.y, fz = (double)f.z;
+    load->net[0] += fx;
+    load->net[1] += fy;
+    load->net[2] += fz;
+    load->net[3] += (double)at.y * fz - (double)at.z * fy;
+    load->net[4] += (double)at.z * fx - (double)at.x * fz;
+    load->net[5] += (double)at.x * fy - (double)at.y * fx;
+    sum[node] = sb_v3_add(sum[node], f);
+}
+
+SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3 *pressure_u, sb_real factor)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        sbi_load_rule rule;
+        memset(load->net, 0, sizeof load->net);
+        rule.type = SB_NO_ELEMENT;
+        for (int j = 0; j < load->row_count; j++) {
+            const int *nodes = load->nodes + load->row_start[j];
+            int count = load->row_start[j + 1] - load->row_start[j];
+            sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
+            if (load->kind == SBI_LOAD_PRESSURE) {
+                sbi_load_gather(body, load, j, pressure_u, x, &rule);
+                sbi_body_face_force(&rule, count, x, sbi_load_pressure_at(load, factor), force);
+                for (int a = 0; a < count; a++)
+                    sbi_load_collect(body, row_u, nodes[a], force[a], load, body->external);
+                continue;
+            }
+            load->force[j] = sbi_load_row_force(load, j, row_u, factor);
+            for (int a = 0; a < count; a++)
+                sbi_load_collect(body, row_u, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]),
+                                 load, body->external);
+        }
+    }
+}
+
+SB_API sb_result sb_body_load_force(const sb_body *body, int load_id, sb_vec3 about, sb_vec3 *force, sb_vec3 *torque)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, 0);
+    double x = (double)about.x, y = (double)about.y, z = (double)about.z;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!sb_v3_is_finite(about))
+        return SB_ERROR_NOT_FINITE;
+    if (force)
+        *force = sb_v3((sb_real)load->net[0], (sb_real)load->net[1], (sb_real)load->net[2]);
+    if (torque)
+        *torque = sb_v3((sb_real)(load->net[3] - (y * load->net[2] - z * load->net[1])),
+                        (sb_real)(load->net[4] - (z * load->net[0] - x * load->net[2])),
+                        (sb_real)(load->net[5] - (x * load->net[1] - y * load->net[0])));
+    return SB_OK;
+}
+
+static sb_result sbi_load_get_forces(const sb_body *body, int load_id, sbi_load_kind kind, sb_vec3 *forces)
+{
+    const sbi_load *load = sbi_load_find(body, load_id, (int)kind);
+    if (!body || !forces)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    memcpy(forces, load->force, (size_t)load->row_count * sizeof *forces);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_spring_forces(const sb_body *body, int load_id, sb_vec3 *forces)
+{
+    return sbi_load_get_forces(body, load_id, SBI_LOAD_SPRINGS, forces);
+}
+
+SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec3 *forces)
+{
+    return sbi_load_get_forces(body, load_id, SBI_LOAD_MAPPING, forces);
+}
+
+/* ---- removal ---- */
+
+/* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
+static void sbi_load_fade(sb_body *body, const sbi_load *load)
+{
+    sbi_load_rule rule;
+    rule.type = SB_NO_ELEMENT;
+    for (int j = 0; j < load->row_count; j++) {
+        const int *nodes = load->nodes + load->row_start[j];
+        int count = load->row_start[j + 1] - load->row_start[j];
+        sb_vec3 x[SB_MAX_FACE_NODES], force[SB_MAX_FACE_NODES];
+        if (load->kind == SBI_LOAD_PRESSURE) {
+            sbi_load_gather(body, load, j, body->displacement, x, &rule);
+            sbi_body_face_force(&rule, count, x, load->balanced_pressure, force);
+        }
+        for (int a = 0; a < count; a++) {
+            sb_vec3 *sum = body->equilibrated + nodes[a];
+            *sum = load->kind == SBI_LOAD_PRESSURE
+                       ? sb_v3_add(*sum, force[a])
+                       : sb_v3_madd(*sum, load->weights[load->row_start[j] + a], load->force[j]);
+        }
+    }
+}
+
+SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
+{
+    sbi_load *load = sbi_load_find(body, load_id, 0);
+    size_t after;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (load->balanced)
+        sbi_load_fade(body, load);
+    sbi_free(&body->allocator, load->memory);
+    after = (size_t)(body->loads + body->load_count - (load + 1));
+    memmove(load, load + 1, after * sizeof *load);
+    body->load_count--;
+    sbi_body_tell(body, SBI_COMMAND_REMOVE_LOAD, load_id, 0, NULL, 0, NULL, 0);
+    return SB_OK;
+}

@@ -1,0 +1,1190 @@
+/* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
+#include "state.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "body_private.h"
+#include "constraint.h"
+#include "load.h"
+#include "../base/output.h"
+#include "step_explicit.h"
+
+/* ---- files of images ---- */
+
+/* Reads on in growing steps, so that no memory is taken for a size that the file only claims. */
+static sb_result sbi_image_read_rest(const sb_allocator *allocator, FILE *file, unsigned char **image, size_t *size,
+                                     sb_error *error)
+{
+    uint64_t claimed = sbi_get_bytes(*image + 16, 8);
+    size_t capacity = SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, got = 1;
+    while (got && (uint64_t)*size <= claimed) {
+        if (*size == capacity) {
+            unsigned char *grown = (unsigned char *)sbi_alloc(allocator, capacity, 2);
+            if (!grown)
+                return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a file of more than %lu bytes",
+                                (unsigned long)capacity);
+            memcpy(grown, *image, *size);
+            sbi_free(allocator, *image);
+            *image = grown;
+            capacity *= 2;
+        }
+        got = fread(*image + *size, 1, capacity - *size, file);
+        *size += got;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char *path, const char *magic,
+                                      uint32_t version, const char *what, unsigned char **image, size_t *size,
+                                      sb_error *error)
+{
+    FILE *file = fopen(path, "rb");
+    unsigned char *bytes;
+    sb_result result;
+    if (!file)
+        return sbi_fail_file(error, SB_ERROR_FILE, path, "the file cannot be opened");
+    bytes = (unsigned char *)sbi_alloc(allocator, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, 1);
+    if (!bytes) {
+        fclose(file);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read a file");
+    }
+    *size = fread(bytes, 1, SBI_IMAGE_HEAD + SBI_IMAGE_TAIL, file);
+    result = ferror(file) ? SB_OK : sbi_image_check_head(bytes, *size, magic, version, what, error);
+    if (result == SB_OK && !ferror(file))
+        result = sbi_image_read_rest(allocator, file, &bytes, size, error);
+    if (result == SB_OK && ferror(file))
+        result = sbi_fail(error, SB_ERROR_FILE, "the file cannot be read");
+    fclose(file);
+    if (result != SB_OK) {
+        sbi_free(allocator, bytes);
+        if (error)
+            sbi_error_set_file(error, path);
+        return result;
+    }
+    *image = bytes;
+    return SB_OK;
+}
+
+/* ---- the walk ---------------------------------------------------------------------------------------------
+ * Every part of the state is one function that names its values in order, whatever the walk is for. Passes over a
+ * body give its values away; passes over an image hand the image's values back. Those that come before READ change
+ * nothing that a step could notice, and READ cannot fail. */
+
+typedef enum sbi_state_pass {
+    SBI_STATE_MEASURE, /* of a body: bytes */
+    SBI_STATE_WRITE,
+    SBI_STATE_HASH,
+    SBI_STATE_CHECK,   /* of an image: may the body take these values? */
+    SBI_STATE_RESERVE, /* memory for them; capacities may grow */
+    SBI_STATE_READ     /* the body takes them */
+} sbi_state_pass;
+
+typedef struct sbi_state_walk {
+    sbi_state_pass pass;
+    unsigned char *out;      /* WRITE */
+    const unsigned char *in; /* CHECK, RESERVE, READ */
+    size_t used, size;       /* bytes: passed so far, of in */
+    int overflow;            /* MEASURE: used does not fit size_t */
+    uint64_t hash;
+    sb_result result;        /* the first failure; what comes after it is 0 */
+    sb_error *error;
+    int differs;             /* 1: what was passed is not what the body has */
+    int store;               /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+
+    /* of the image, once CHECK has been there */
+    sb_body_def settings;
+    int last_load_id, next_constraint; /* those of what is being passed */
+    int terms;               /* most Prony terms of a material; of the body in passes over one */
+    int has_fibres;          /* 1: some material has */
+    const unsigned char *fixed; /* [node_count] */
+
+    /* what RESERVE makes and READ puts in place */
+    sbi_body_pattern pattern;
+    sb_vec3 *fibres;
+    int new_loads, load_count;
+    sbi_load *loads;
+    int new_equations;
+    sbi_elimination *elimination;
+} sbi_state_walk;
+
+static int sbi_state_is_image(const sbi_state_walk *walk) { return walk->pass >= SBI_STATE_CHECK; }
+
+/* A refusal of what an image holds, in CHECK: keeps the first. */
+static void sbi_state_refuse(sbi_state_walk *walk, sb_result result)
+{
+    if (walk->result == SB_OK)
+        walk->result = result;
+}
+
+/* One number of some bytes: the body's goes in, the one that counts comes back. */
+static uint64_t sbi_state_word(sbi_state_walk *walk, uint64_t value, int bytes)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk)) {
+        if (walk->result != SB_OK)
+            return 0;
+        if (walk->size - at < (size_t)bytes) {
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state ends too early"));
+            return 0;
+        }
+        value = sbi_get_bytes(walk->in + at, bytes);
+    } else if (walk->pass == SBI_STATE_WRITE) {
+        sbi_put_bytes(walk->out + at, value, bytes);
+    } else if (walk->pass == SBI_STATE_HASH) {
+        walk->hash = sbi_hash_word(walk->hash, value);
+    }
+    walk->overflow |= !sbi_size_add(&walk->used, (size_t)bytes, 1);
+    return value;
+}
+
+/* An integer of the range; an image's that is not in it is refused, and reads as `low`. */
+static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, const char *name)
+{
+    int got = sbi_int_of(sbi_state_word(walk, (uint64_t)(uint32_t)value, 4));
+    if (!sbi_state_is_image(walk))
+        return value;
+    if (walk->result == SB_OK && (got < low || got > high))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d", name,
+                                        got, low, high));
+    return walk->result == SB_OK ? got : low;
+}
+
+/* A real, whose range is the caller's business. */
+static sb_real sbi_state_real(sbi_state_walk *walk, sb_real value)
+{
+    return sbi_real_of(sbi_state_word(walk, sbi_real_bits(value), (int)sizeof(sb_real)));
+}
+
+static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
+{
+    value.x = sbi_state_real(walk, value.x);
+    value.y = sbi_state_real(walk, value.y);
+    value.z = sbi_state_real(walk, value.z);
+    return value;
+}
+
+/* What the image and the body must agree on. */
+static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
+{
+    uint64_t got = sbi_state_word(walk, value, 8);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && got != value)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_STATE,
+                                        "the state was saved from another body: %s is %lu there, %lu here", name,
+                                        (unsigned long)got, (unsigned long)value));
+}
+
+enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
+
+/* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
+static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
+{
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sb_vec3 v = sbi_state_vector(walk, vectors[i]);
+        if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, i,
+                                                 "the saved %s of node %d is not finite", name, i));
+        if (walk->pass == SBI_STATE_READ)
+            vectors[i] = v;
+    }
+}
+
+static double sbi_state_double(sbi_state_walk *walk, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = sbi_state_word(walk, bits, 8);
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* The same with the place of a value, which may be NULL in passes over an image. */
+static int sbi_state_put_int(sbi_state_walk *walk, int *place, int low, int high, const char *name)
+{
+    int value = sbi_state_int(walk, place ? *place : low, low, high, name);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static sb_real sbi_state_put_real(sbi_state_walk *walk, sb_real *place)
+{
+    sb_real value = sbi_state_real(walk, place ? *place : 0);
+    if (walk->store && place)
+        *place = value;
+    return value;
+}
+
+static void sbi_state_put_vector(sbi_state_walk *walk, sb_vec3 *place, int kind, const char *name)
+{
+    sb_vec3 value = sbi_state_vector(walk, place ? *place : sb_v3(0, 0, 0));
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && kind == SBI_STATE_FINITE && !sb_v3_is_finite(value))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved %s is not finite", name));
+    if (walk->store && place)
+        *place = value;
+}
+
+static int sbi_state_checks(const sbi_state_walk *walk)
+{
+    return walk->pass == SBI_STATE_CHECK && walk->result == SB_OK;
+}
+
+/* ---- the parts ---- */
+
+/* Numbers of a custom element: equal tables, equal elements. */
+static uint64_t sbi_state_reals_hash(uint64_t hash, const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        hash = sbi_hash_word(hash, sbi_real_bits(values[i]));
+    return hash;
+}
+
+static uint64_t sbi_state_rule_hash(uint64_t hash, const sb_element_table *table, int count, const sb_real (*points)[3],
+                                    const sb_real *weights)
+{
+    sb_real shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
+    for (int p = 0; p < count; p++) {
+        table->shape(table->user, points[p], shape, gradient);
+        hash = sbi_hash_word(hash, sbi_real_bits(weights[p]));
+        hash = sbi_state_reals_hash(hash, points[p], 3);
+        hash = sbi_state_reals_hash(hash, shape, (size_t)table->node_count);
+        hash = sbi_state_reals_hash(hash, &gradient[0][0], 3 * (size_t)table->node_count);
+    }
+    return hash;
+}
+
+static uint64_t sbi_state_table_hash(const sb_element_table *table)
+{
+    uint64_t hash = 1;
+    if (!table)
+        return 0;
+    hash = sbi_hash_word(hash, (uint64_t)table->node_count);
+    hash = sbi_hash_word(hash, (uint64_t)table->corner_count);
+    hash = sbi_state_rule_hash(hash, table, table->point_count, table->points, table->weights);
+    hash = sbi_state_rule_hash(hash, table, table->mass_point_count, table->mass_points, table->mass_weights);
+    for (int f = 0; f < table->face_count; f++) {
+        hash = sbi_hash_word(hash, (uint64_t)table->faces[f].type);
+        for (int k = 0; k < sb_element_node_count(table->faces[f].type); k++)
+            hash = sbi_hash_word(hash, (uint64_t)table->faces[f].nodes[k]);
+    }
+    return hash;
+}
+
+/* What the body is made of, so that a state of another one is refused. */
+static uint64_t sbi_state_mesh_hash(const sb_body *body)
+{
+    const sb_domain *domain = &body->domain;
+    size_t cells = (size_t)domain->cell_count * (size_t)domain->nodes_per_cell;
+    uint64_t hash = 1;
+    for (size_t i = 0; i < cells; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)domain->cells[i]);
+    for (int i = 0; i < domain->cell_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->cell_material[i]);
+    for (int i = 0; i < body->material_count; i++)
+        hash = sbi_hash_word(hash, (uint64_t)(uint32_t)body->material_regions[i]);
+    for (int i = 0; i < domain->node_count; i++) {
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].x));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].y));
+        hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
+    }
+    if (body->own_points) { /* nothing else tells them from the elements' */
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        hash = sbi_state_reals_hash(hash, domain->weights, points);
+        hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
+        hash = sbi_state_reals_hash(hash, domain->cell_mass,
+                                    domain->cell_mass ? (size_t)domain->cell_count * (n * (n + 1) / 2) : 0);
+    }
+    return hash;
+}
+
+static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
+{
+    int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
+    sb_preconditioner_info precond = sb_preconditioner_get_info(body->precond);
+    sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
+    sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
+    sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");
+    sbi_state_same(walk, (uint64_t)body->domain.points_per_cell, "the number of integration points");
+    sbi_state_same(walk, used ? sbi_state_table_hash(body->domain.table) : 0, "the hash of the custom element");
+    sbi_state_same(walk, (uint64_t)body->domain.mean_point, "the number of mean points");
+    sbi_state_same(walk, (uint64_t)body->domain.single_rotation, "single_rotation");
+    sbi_state_same(walk, (uint64_t)body->material_count, "the number of regions");
+    sbi_state_same(walk, (uint64_t)body->mass_kind, "the kind of mass");
+    sbi_state_same(walk, (uint64_t)precond.kind, "the preconditioner");
+    sbi_state_same(walk, (uint64_t)precond.piece_count, "the preconditioner's number of pieces");
+    sbi_state_same(walk, used ? sbi_state_mesh_hash(body) : 0, "the mesh's hash");
+}
+
+static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
+{
+    sb_body_def def = sb_default_body_def();
+    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE,
+                                                  "integrator");
+    def.gravity = sbi_state_vector(walk, body->gravity);
+    def.damping_mass = sbi_state_real(walk, body->damping_mass);
+    def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
+    def.tolerance = sbi_state_real(walk, body->tolerance);
+    def.newton_tolerance = sbi_state_real(walk, body->newton_tolerance);
+    def.max_iterations = sbi_state_int(walk, body->max_iterations, 1, INT32_MAX, "max_iterations");
+    def.max_newton = sbi_state_int(walk, body->max_newton, SB_AUTO, INT32_MAX, "max_newton");
+    def.spectral_radius = sbi_state_real(walk, body->spectral_radius);
+    def.max_substeps = sbi_state_int(walk, body->max_substeps, 1, INT32_MAX, "max_substeps");
+    def.mass = body->mass_kind;
+    walk->settings = def;
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_body_check_settings(&def, walk->error));
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->integrator = def.integrator;
+    body->gravity = def.gravity;
+    body->damping_mass = def.damping_mass;
+    body->damping_stiffness = def.damping_stiffness;
+    body->tolerance = def.tolerance;
+    body->newton_tolerance = def.newton_tolerance;
+    body->max_iterations = def.max_iterations;
+    body->max_newton = def.max_newton;
+    body->spectral_radius = def.spectral_radius;
+    body->max_substeps = def.max_substeps;
+}
+
+/* Room for the damping of iterated steps, should the image's settings and this material need it. */
+static void sbi_state_reserve_damping(sb_body *body, sbi_state_walk *walk, const sb_material *material)
+{
+    sb_body planned = *body;
+    planned.integrator = walk->settings.integrator;
+    planned.max_newton = walk->settings.max_newton;
+    sbi_state_refuse(walk, sbi_body_reserve_damping(&planned, material, 1, walk->error));
+    body->damping_blocks = planned.damping_blocks;
+}
+
+static sb_material sbi_state_material(const sb_material *material, sbi_state_walk *walk)
+{
+    sb_real reals[SBI_MATERIAL_REALS];
+    int model = sbi_state_int(walk, (int)material->model, SB_LINEAR, SB_REDUCED_POLYNOMIAL, "material model");
+    int prony_count = sbi_state_int(walk, material->prony_count, 0, SB_MAX_PRONY_TERMS, "Prony term count");
+    sbi_body_pack_material(material, reals);
+    for (int i = 0; i < SBI_MATERIAL_REALS; i++)
+        reals[i] = sbi_state_real(walk, reals[i]);
+    return sbi_body_unpack_material(model, prony_count, reals);
+}
+
+static void sbi_state_materials(sb_body *body, sbi_state_walk *walk)
+{
+    int changed = 0;
+    walk->terms = walk->has_fibres = 0;
+    for (int i = 0; i < body->material_count && walk->result == SB_OK; i++) {
+        sb_material material = sbi_state_material(body->materials + i, walk);
+        walk->terms = sbi_max_int(walk->terms, material.prony_count);
+        walk->has_fibres |= material.fibre_stiffness > 0;
+        if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK)
+            sbi_state_refuse(walk, sbi_body_check_material(&material, body->domain.single_rotation, walk->error));
+        if (walk->pass == SBI_STATE_RESERVE)
+            sbi_state_reserve_damping(body, walk, &material);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        changed |= memcmp(&material, body->materials + i, sizeof material) != 0;
+        body->materials[i] = material;
+    }
+    if (changed)
+        sbi_body_materials_changed(body);
+}
+
+/* Unit directions, or 0. */
+static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
+{
+    int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
+    if (sbi_state_checks(walk) && walk->has_fibres && !given)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL, "a saved material has fibres, but no directions "
+                                                                        "were saved"));
+    if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
+        walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
+        if (!walk->fibres)
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements",
+                                            count));
+    }
+    if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
+        sbi_free(&body->allocator, body->fibres);
+        body->fibres = walk->fibres;
+        walk->fibres = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->assembly.fibres = body->fibres;
+    for (int e = 0; given && e < count && walk->result == SB_OK; e++) {
+        sb_vec3 a = sbi_state_vector(walk, body->fibres ? body->fibres[e] : sb_v3(0, 0, 0));
+        sb_real square = sb_v3_dot(a, a);
+        if (sbi_state_checks(walk) && square != 0 && !(square > (sb_real)0.99 && square < (sb_real)1.01))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, e,
+                                                    "the saved fibre of element %d is no direction", e));
+        if (walk->pass == SBI_STATE_READ)
+            body->fibres[e] = a;
+    }
+}
+
+/* ---- couplings beyond the elements ---- */
+
+/* The rows of an image, as `rows` at their beginning lists them: counts, and compares with the body's, or stores in
+ * pattern.extra_start and extra_nodes. */
+static int sbi_state_pass_extra(const sb_body *body, sbi_state_walk *walk, int rows, size_t *entries)
+{
+    int *start = walk->pattern.extra_start, same = rows == body->extra_count, last = body->domain.node_count - 1;
+    *entries = 0;
+    for (int c = 0; c < rows && walk->result == SB_OK; c++) {
+        int size = sbi_state_int(walk, 0, 1, INT32_MAX, "coupling row length");
+        same = same && body->extra_start[c + 1] - body->extra_start[c] == size;
+        for (int k = 0; k < size && walk->result == SB_OK; k++, ++*entries) {
+            int node = sbi_state_int(walk, 0, 0, last, "node of a coupling row");
+            same = same && body->extra_nodes[*entries] == node;
+            if (start)
+                walk->pattern.extra_nodes[*entries] = node;
+        }
+        if (start)
+            start[c + 1] = (int)*entries;
+    }
+    return same;
+}
+
+/* The pattern of the image's rows, unless the body has it. */
+static void sbi_state_reserve_extra(sb_body *body, sbi_state_walk *walk, int rows)
+{
+    size_t at = walk->used, entries, bytes = 0;
+    sbi_body_pattern *pattern = &walk->pattern;
+    int same = sbi_state_pass_extra(body, walk, rows, &entries);
+    if (same || walk->result != SB_OK)
+        return;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)rows + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d coupling rows", rows));
+        return;
+    }
+    pattern->needed = 1;
+    pattern->extra_count = rows;
+    pattern->extra_nodes = pattern->extra_start + rows + 1;
+    pattern->extra_start[0] = 0;
+    walk->used = at;
+    sbi_state_pass_extra(body, walk, rows, &entries);
+    sbi_state_refuse(walk, sbi_body_finish_pattern(body, walk->fixed, pattern, walk->error));
+}
+
+/* The rows come before all that has one entry per block of the matrix. */
+static void sbi_state_extra(sb_body *body, sbi_state_walk *walk)
+{
+    int rows = sbi_state_int(walk, body->extra_count, 0, INT32_MAX - 1, "number of coupling rows");
+    size_t entries;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_extra(body, walk, rows);
+    } else if (sbi_state_is_image(walk)) {
+        if (walk->pass == SBI_STATE_READ)
+            sbi_body_take_pattern(body, &walk->pattern);
+        sbi_state_pass_extra(body, walk, rows, &entries);
+    } else {
+        for (int c = 0; c < rows; c++) {
+            int first = body->extra_start[c], end = body->extra_start[c + 1];
+            sbi_state_int(walk, end - first, 0, 0, "");
+            for (int k = first; k < end; k++)
+                sbi_state_int(walk, body->extra_nodes[k], 0, 0, "");
+        }
+    }
+}
+
+/* The matrix that the body will have. */
+static const sb_matrix *sbi_state_matrix(const sb_body *body, const sbi_state_walk *walk)
+{
+    return walk->pattern.needed ? &walk->pattern.matrix : &body->matrix;
+}
+
+/* ---- supports ---- */
+
+/* Supported axes, of which nodes without an element keep all; the others take blocks of the matrix. */
+static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
+{
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
+    int needed = 0;
+    if (walk->pass == SBI_STATE_CHECK)
+        walk->fixed = walk->in + walk->used;
+    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+        int lonely = body->node_component[i] < 0;
+        int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
+        if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
+                                                 "node %d cannot have the saved supports %d", i, fixed));
+        if (fixed && !lonely)
+            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+        if (walk->pass == SBI_STATE_READ)
+            body->fixed[i] = (unsigned char)fixed;
+    }
+    if (walk->pass == SBI_STATE_RESERVE && !walk->pattern.needed &&
+        sbi_body_reserve_support_blocks(body, needed) != SB_OK)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for supports of %d blocks", needed));
+    if (walk->pass == SBI_STATE_READ)
+        body->support_used = needed;
+    sbi_state_vectors(walk, body->target, body->domain.node_count, SBI_STATE_FINITE, "target");
+}
+
+static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    sbi_state_vectors(walk, body->dead_load, n, SBI_STATE_ANY, "load");
+    sbi_state_vectors(walk, body->equilibrated, n, SBI_STATE_ANY, "equilibrated load");
+    sbi_state_vectors(walk, body->external, n, SBI_STATE_ANY, "external force");
+    sbi_state_vectors(walk, body->reaction, n, SBI_STATE_ANY, "reaction");
+}
+
+/* ---- loads that follow the body ---- */
+
+/* What passing the rows of a load found out. */
+typedef struct sbi_state_rows {
+    size_t entries, pairs;
+    int same;                /* 1: rows, nodes and kind are those of the body's load */
+} sbi_state_rows;
+
+/* Whether a saved row of a pressure is a face of the surface; nodes in the order in which the body would have it. */
+static void sbi_state_check_face(const sb_body *body, sbi_state_walk *walk, int type, int size, const int *nodes)
+{
+    int corners = sb_element_corner_count((sb_element_type)type);
+    sbi_body_face face;
+    if (sb_element_node_count((sb_element_type)type) == size && (corners == 3 || corners == 4) &&
+        sbi_body_get_face(body, nodes, 0, corners, &face, NULL) == SB_OK && !face.inner && face.count == size &&
+        (int)face.type == type && memcmp(face.nodes, nodes, (size_t)size * sizeof *nodes) == 0)
+        return;
+    sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, nodes[0],
+                                         "a saved pressure acts on what is no face, at node %d", nodes[0]));
+}
+
+/* Whether the matrix has a block for every pair of the nodes of the row that begins there. */
+static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, size_t at, int size)
+{
+    const sb_matrix *matrix = sbi_state_matrix(body, walk);
+    for (int a = 0; a < size && walk->result == SB_OK; a++)
+        for (int b = 0; b < size && walk->result == SB_OK; b++) {
+            int i = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)a, 4));
+            int j = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)b, 4));
+            if (sb_matrix_find(matrix, i, j) < 0)
+                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i, "a saved row couples the nodes %d "
+                                                     "and %d, which the saved matrix does not", i, j));
+        }
+}
+
+/* Stiffness, targets and force of a row of springs or a mapping. What no static solve has balanced yet has no balanced
+ * values, though its arrays may hold some of a solve that failed. */
+static void sbi_state_row_values(sbi_state_walk *walk, sbi_load *load, int j)
+{
+    int real = load->stiffness != NULL, balanced = real && load->balanced;
+    for (int k = 0; k < 2; k++) {
+        sb_real *from = k ? load->balanced_stiffness : load->stiffness;
+        sb_real stiffness = sbi_state_put_real(walk, (k ? balanced : real) ? from + j : NULL);
+        if (sbi_state_checks(walk) && (!(stiffness >= 0) || !sb_is_finite(stiffness)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_ARGUMENT, j,
+                                                    "row %d of the saved load %d has stiffness %g", j, load->id,
+                                                    (double)stiffness));
+    }
+    sbi_state_put_vector(walk, real ? load->target + j : NULL, SBI_STATE_FINITE, "target of a load");
+    sbi_state_put_vector(walk, balanced ? load->balanced_target + j : NULL, SBI_STATE_ANY, "");
+    sbi_state_put_vector(walk, real ? load->force + j : NULL, SBI_STATE_ANY, "");
+}
+
+/* One row; `from`: its first entry. Returns its length. */
+static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *load, int j, size_t from)
+{
+    int pressure = load->kind == SBI_LOAD_PRESSURE, most = pressure ? SB_MAX_FACE_NODES : INT32_MAX;
+    int size = load->row_start ? load->row_start[j + 1] - load->row_start[j] : 1, corner[SB_MAX_FACE_NODES] = {0};
+    int type = 0;
+    size_t at;
+    size = sbi_state_int(walk, size, 1, load->kind == SBI_LOAD_SPRINGS ? 1 : most, "row length of a load");
+    if (pressure)
+        type = sbi_state_int(walk, load->face_types ? (int)load->face_types[j] : 0, SB_TRI3, SB_QUAD9, "face type");
+    if (pressure && walk->store)
+        load->face_types[j] = (sb_element_type)type;
+    at = walk->used;
+    for (int k = 0; k < size && walk->result == SB_OK; k++) {
+        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0,
+                                     body->domain.node_count - 1, "node of a load");
+        if (pressure && k < SB_MAX_FACE_NODES)
+            corner[k] = node;
+    }
+    if (sbi_state_checks(walk) && pressure)
+        sbi_state_check_face(body, walk, type, size, corner);
+    if (walk->pass == SBI_STATE_RESERVE && walk->result == SB_OK && !pressure)
+        sbi_state_check_blocks(body, walk, at, size);
+    for (int k = 0; k < size && walk->result == SB_OK && !pressure; k++) {
+        sb_real weight = sbi_state_put_real(walk, load->weights ? load->weights + from + k : NULL);
+        if (sbi_state_checks(walk) && (load->kind == SBI_LOAD_SPRINGS ? weight != 1 : !sb_is_finite(weight)))
+            sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_NOT_FINITE, j,
+                                                    "row %d of the saved load %d has weight %g", j, load->id,
+                                                    (double)weight));
+    }
+    if (!pressure)
+        sbi_state_row_values(walk, load, j);
+    return size;
+}
+
+/* 1 when the body's load has the same nodes in row j, whose length was just passed; at: where the nodes stand. */
+static int sbi_state_same_row(const sbi_state_walk *walk, const sbi_load *like, int j, int size, size_t at)
+{
+    int same = like->row_start[j + 1] - like->row_start[j] == size;
+    for (int k = 0; k < size && same; k++)
+        same = like->nodes[like->row_start[j] + k] == sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)k, 4));
+    return same;
+}
+
+/* All rows of a load; like: the body's load to compare with, or NULL. */
+static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *walk, sbi_load *load,
+                                          const sbi_load *like)
+{
+    sbi_state_rows rows = {0, 0, 0};
+    rows.same = like && like->kind == load->kind && like->row_count == load->row_count;
+    for (int j = 0; j < load->row_count && walk->result == SB_OK; j++) {
+        size_t at = walk->used + (load->kind == SBI_LOAD_PRESSURE ? 8 : 4);
+        int size = sbi_state_row(body, walk, load, j, rows.entries);
+        if (walk->result != SB_OK)
+            break;
+        rows.same = rows.same && sbi_state_same_row(walk, like, j, size, at);
+        rows.entries += (size_t)size; /* each took bytes of the image, so this cannot overflow */
+        if (!sbi_size_add(&rows.pairs, (size_t)size, (size_t)size))
+            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long",
+                                            load->id));
+        if (walk->store)
+            load->row_start[j + 1] = (int)rows.entries;
+    }
+    return rows;
+}
+
+/* What a load has once. An image's values go into `load`, which is a copy. */
+static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    int last = body->last_load_id;
+    load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
+    load->id = sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
+    load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
+    load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
+    load->pressure = sbi_state_real(walk, load->pressure);
+    load->balanced_pressure = sbi_state_real(walk, load->balanced ? load->balanced_pressure : 0);
+    if (!load->balanced) /* as in sbi_state_row_values */
+        load->balanced_pressure = 0;
+    for (int k = 0; k < 6; k++)
+        load->net[k] = sbi_state_double(walk, load->net[k]);
+    if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite",
+                                        load->id));
+}
+
+/* Room for what these rows tie. */
+static void sbi_state_reserve_ties(sb_body *body, sbi_state_walk *walk, int count, const int *start, const int *nodes,
+                                   const int *dofs, const sb_real *weights)
+{
+    sbi_body_rows rows;
+    rows.count = count;
+    rows.start = start;
+    rows.nodes = nodes;
+    rows.dofs = dofs;
+    rows.weights = weights;
+    sbi_state_refuse(walk, sbi_body_reserve_ties(body, &rows, walk->error));
+}
+
+/* Makes load i of the list to come, and fills it. */
+static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, sbi_load *load)
+{
+    size_t at = walk->used;
+    sbi_state_rows rows;
+    memset(load, 0, sizeof *load);
+    sbi_state_load_head(body, walk, after, load);
+    rows = sbi_state_load_rows(body, walk, load, NULL);
+    if (walk->result == SB_OK && rows.entries > INT32_MAX)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+                                             walk->error));
+    if (walk->result != SB_OK)
+        return;
+    walk->load_count++;
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_load_head(body, walk, after, load);
+    sbi_state_load_rows(body, walk, load, NULL);
+    walk->store = 0;
+    if (load->kind != SBI_LOAD_PRESSURE)
+        sbi_state_reserve_ties(body, walk, load->row_count, load->row_start, load->nodes, NULL, load->weights);
+}
+
+/* A new list of loads, unless the image's have the rows of the body's. */
+static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int count)
+{
+    size_t at = walk->used;
+    int same = count == body->load_count, after = 0;
+    for (int i = 0; i < count && same && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        sbi_state_load_head(body, walk, after, &load);
+        same = load.id == body->loads[i].id && sbi_state_load_rows(body, walk, &load, body->loads + i).same;
+        after = load.id;
+    }
+    if (same || walk->result != SB_OK)
+        return;
+    walk->used = at;
+    walk->new_loads = 1;
+    walk->loads = (sbi_load *)sbi_alloc_zeroed(&body->allocator, (size_t)count + 1, sizeof(sbi_load));
+    if (!walk->loads)
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d loads", count));
+    for (int i = 0; i < count && walk->result == SB_OK; i++)
+        sbi_state_make_load(body, walk, i > 0 ? walk->loads[i - 1].id : 0, walk->loads + i);
+}
+
+static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
+{
+    for (int i = 0; i < count; i++)
+        sbi_free(&body->allocator, loads[i].memory);
+    sbi_free(&body->allocator, loads);
+}
+
+static void sbi_state_take_loads(sb_body *body, sbi_state_walk *walk)
+{
+    if (!walk->new_loads)
+        return;
+    sbi_state_free_loads(body, body->loads, body->load_count);
+    body->loads = walk->loads;
+    body->load_count = walk->load_count;
+    body->load_capacity = walk->load_count + 1;
+    walk->loads = NULL;
+    walk->load_count = 0;
+}
+
+static void sbi_state_follow(sb_body *body, sbi_state_walk *walk)
+{
+    int last = sbi_state_int(walk, body->last_load_id, 0, INT32_MAX, "last load id"), after = 0;
+    int count = sbi_state_int(walk, body->load_count, 0, INT32_MAX - 1, "number of loads");
+    walk->last_load_id = last;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_follow(body, walk, count);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ) {
+        body->last_load_id = last;
+        sbi_state_take_loads(body, walk);
+    }
+    walk->store = walk->pass == SBI_STATE_READ;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
+        sbi_load load;
+        memset(&load, 0, sizeof load);
+        if (walk->pass != SBI_STATE_CHECK)
+            load = body->loads[i];
+        sbi_state_load_head(body, walk, after, &load);
+        sbi_state_load_rows(body, walk, &load, NULL);
+        after = load.id;
+        if (walk->store) {
+            load.pattern_version = -1;
+            body->loads[i] = load;
+        }
+    }
+    walk->store = 0;
+}
+
+/* ---- constraints ---- */
+
+/* Whether a saved equation can be one: a finite quotient for every term, and a slave that is free. */
+static void sbi_state_check_equation(sbi_state_walk *walk, int id, int slave, sb_real first, sb_real value)
+{
+    if (!sb_is_finite(value) || first == 0 || !sb_is_finite(first))
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, slave / 3,
+                                             "the saved constraint %d has value %g and coefficient %g", id,
+                                             (double)value, (double)first));
+    else if (walk->fixed[slave / 3] >> slave % 3 & 1)
+        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
+                                             "the slave of the saved constraint %d, node %d, is supported", id,
+                                             slave / 3));
+}
+
+/* Equation c: from q in passes over a body; into it when storing; otherwise compared with it where there is one.
+ * Returns its number of terms. */
+static int sbi_state_equation(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, int c, size_t from,
+                              int *after)
+{
+    int n = body->domain.node_count, last = n <= INT32_MAX / 3 ? 3 * n - 1 : -1; /* as when it was added */
+    int id = sbi_state_put_int(walk, q ? q->id + c : NULL, *after + 1, walk->next_constraint - 1, "constraint");
+    sb_real value = sbi_state_put_real(walk, q ? q->value + c : NULL), first = 0;
+    int count = sbi_state_int(walk, q && !walk->store ? q->start[c + 1] - q->start[c] : 1, 1, INT32_MAX, "term count");
+    *after = id;
+    if (q && !walk->store)
+        walk->differs |= id != q->id[c] || count != q->start[c + 1] - q->start[c];
+    for (int k = 0; k < count && walk->result == SB_OK && !walk->differs; k++) {
+        int dof = sbi_state_put_int(walk, q ? q->dof + from + k : NULL, 0, last, "unknown");
+        sb_real coefficient = sbi_state_put_real(walk, q ? q->coefficient + from + k : NULL);
+        first = k == 0 ? coefficient : first;
+        if (q)
+            walk->differs |= dof != q->dof[from + (size_t)k] || coefficient != q->coefficient[from + (size_t)k];
+        if (k == 0 && sbi_state_checks(walk))
+            sbi_state_check_equation(walk, id, dof, first, value);
+        if (sbi_state_checks(walk) && !sb_is_finite(coefficient / first))
+            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
+                                                 "the saved constraint %d has coefficient %g", id,
+                                                 (double)coefficient));
+    }
+    if (walk->store)
+        q->start[c + 1] = (int)from + count;
+    return count;
+}
+
+/* Passes `count` equations, as above, and their forces. Stops where they differ. */
+static size_t sbi_state_equations(const sb_body *body, sbi_state_walk *walk, sbi_equations *q, sb_real *force,
+                                  int count)
+{
+    size_t terms = 0;
+    int after = -1;
+    walk->differs = 0;
+    for (int c = 0; c < count && walk->result == SB_OK && !walk->differs; c++) {
+        terms += (size_t)sbi_state_equation(body, walk, q, c, terms, &after);
+        sbi_state_put_real(walk, force ? force + c : NULL);
+    }
+    return terms;
+}
+
+/* The system condensed by the image's equations, unless the body has it. */
+static void sbi_state_reserve_equations(sb_body *body, sbi_state_walk *walk, int count)
+{
+    sbi_elimination_setup setup = sbi_body_elimination_setup(body, sbi_state_matrix(body, walk));
+    int own = sb_body_constraint_count(body);
+    size_t at = walk->used, terms;
+    sbi_equations q;
+    if (own == count && (count == 0 || !walk->pattern.needed)) {
+        sbi_state_equations(body, walk, count ? &body->elimination->equations : NULL, NULL, count);
+        if (!walk->differs || walk->result != SB_OK)
+            return;
+        walk->used = at;
+    }
+    walk->new_equations = 1;
+    terms = sbi_state_equations(body, walk, NULL, NULL, count);
+    if (count == 0 || walk->result != SB_OK)
+        return;
+    if (!sbi_equations_allocate(&body->allocator, count, terms, &q)) {
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for %d constraints", count));
+        return;
+    }
+    walk->used = at;
+    walk->store = 1;
+    sbi_state_equations(body, walk, &q, NULL, count);
+    walk->store = 0;
+    sbi_state_reserve_ties(body, walk, q.count, q.start, NULL, q.dof, q.coefficient);
+    if (walk->result == SB_OK)
+        sbi_state_refuse(walk, sbi_elimination_create(&setup, &q, &walk->elimination, walk->error));
+    if (walk->result != SB_OK)
+        sbi_equations_free(&q);
+}
+
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond);
+
+static void sbi_state_constraints(sb_body *body, sbi_state_walk *walk)
+{
+    int next = sbi_state_int(walk, body->next_constraint, 0, INT32_MAX, "next constraint");
+    int count = sbi_state_int(walk, sb_body_constraint_count(body), 0, INT32_MAX, "number of constraints");
+    int is_of_body = walk->pass != SBI_STATE_CHECK && walk->pass != SBI_STATE_RESERVE;
+    sbi_elimination *e;
+    walk->next_constraint = next;
+    if (walk->pass == SBI_STATE_RESERVE) {
+        sbi_state_reserve_equations(body, walk, count);
+        if (count > 0 && walk->result == SB_OK)
+            sbi_state_memory_of(walk, NULL);
+        return;
+    }
+    if (walk->pass == SBI_STATE_READ && walk->new_equations) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = walk->elimination;
+        walk->elimination = NULL;
+    }
+    if (walk->pass == SBI_STATE_READ)
+        body->next_constraint = next;
+    e = is_of_body ? body->elimination : NULL;
+    walk->store = walk->pass == SBI_STATE_READ;
+    sbi_state_equations(body, walk, e ? &e->equations : NULL, e ? e->force : NULL, count);
+    walk->store = 0;
+    if (count > 0)
+        sbi_state_memory_of(walk, e ? e->precond : NULL);
+}
+
+/* ---- motion ---- */
+
+/* Motion, and the internal forces that go with it; zeros stand for forces that are not current. */
+static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
+{
+    int n = body->domain.node_count;
+    int unknots = sbi_state_int(walk, body->assembly.unknots, 0, 1, "unknotting");
+    int known = sbi_state_int(walk, body->acceleration_known, 0, 1, "acceleration mark");
+    int current = sbi_state_int(walk, body->force_current, 0, 1, "force mark");
+    sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
+    sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
+    sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    for (int i = 0; i < n && walk->result == SB_OK; i++) {
+        sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
+        if (walk->pass == SBI_STATE_READ)
+            body->internal[i] = force;
+    }
+    if (walk->pass != SBI_STATE_READ)
+        return;
+    body->assembly.unknots = unknots;
+    body->acceleration_known = known;
+    body->force_current = current;
+    sbi_body_update_positions(body);
+}
+
+/* A unit quaternion, as the solvers for rotations leave it. */
+static sb_quat sbi_state_rotation(sbi_state_walk *walk, sb_quat q, int cell)
+{
+    sb_real n;
+    q.w = sbi_state_real(walk, q.w);
+    q.x = sbi_state_real(walk, q.x);
+    q.y = sbi_state_real(walk, q.y);
+    q.z = sbi_state_real(walk, q.z);
+    n = sb_quat_dot(q, q);
+    if (walk->pass == SBI_STATE_CHECK && walk->result == SB_OK && !(n > (sb_real)0.99 && n < (sb_real)1.01))
+        sbi_state_refuse(walk, sbi_fail_element(walk->error, SB_ERROR_FORMAT, cell,
+                                                "the saved rotation of element %d is none", cell));
+    return q;
+}
+
+/* Where the batched loops keep the four numbers of a cell's rotation, SB_POLAR_LANES apart. */
+static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
+{
+    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+}
+
+/* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
+ * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
+static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
+{
+    const sbi_assembly *assembly = &body->assembly;
+    int cells = body->domain.cell_count, points = body->domain.points_per_cell;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+        for (int p = 0; p < points; p++) {
+            sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
+            sb_quat q = sbi_state_rotation(walk, *at, e);
+            if (walk->pass == SBI_STATE_READ)
+                *at = q;
+        }
+    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+        sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sbi_state_rotation(
+            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        if (walk->pass != SBI_STATE_READ)
+            continue;
+        at[0] = q.w;
+        at[SB_POLAR_LANES] = q.x;
+        at[2 * SB_POLAR_LANES] = q.y;
+        at[3 * SB_POLAR_LANES] = q.z;
+    }
+}
+
+/* What Prony terms remember: as many terms at every point, 0 for those that its material does not have. */
+static void sbi_state_prony(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_assembly *assembly = &body->assembly;
+    int points = body->domain.points_per_cell;
+    if (walk->pass == SBI_STATE_RESERVE)
+        sbi_state_refuse(walk, sbi_assembly_reserve_memory(assembly, walk->terms, &body->allocator, walk->error));
+    for (int e = 0; walk->terms && e < body->domain.cell_count && walk->result == SB_OK; e++) {
+        int terms = body->materials[body->cell_material[e]].prony_count;
+        size_t stride = 6 * (1 + (size_t)assembly->terms);
+        for (int p = 0; p < points; p++)
+            for (int k = 0; k < 6 * (1 + walk->terms); k++) {
+                size_t at = ((size_t)e * (size_t)points + (size_t)p) * stride + (size_t)k;
+                int is_used = walk->pass < SBI_STATE_CHECK && terms > 0 && k < 6 * (1 + terms);
+                sb_real value = sbi_state_real(walk, is_used ? assembly->history[at] : 0);
+                if (walk->pass == SBI_STATE_READ)
+                    assembly->history[at] = value;
+            }
+    }
+    if (walk->pass == SBI_STATE_READ)
+        sbi_assembly_begin_step(assembly, 0);
+}
+
+/* What an explicit body knows of its stability. */
+static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_step_guard guard;
+    guard.stable_step = sbi_state_real(walk, body->guard.stable_step);
+    guard.age = sbi_state_int(walk, body->guard.age, 0, INT32_MAX, "age of the stable step");
+    guard.ledger_open = sbi_state_int(walk, body->guard.ledger_open, 0, 1, "ledger mark");
+    guard.caution = sbi_state_int(walk, body->guard.caution, 0, SBI_EXPLICIT_CAUTION, "caution");
+    guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
+    guard.energy = sbi_state_double(walk, body->guard.energy);
+    if (sbi_state_checks(walk) && (!(guard.stable_step >= 0) || !sb_is_finite(guard.stable_step)))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s",
+                                        (double)guard.stable_step));
+    if (walk->pass == SBI_STATE_READ)
+        body->guard = guard;
+}
+
+/* What a preconditioner learnt; NULL in passes over an image that have none yet. */
+static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond)
+{
+    sbi_precond_memory memory = {0, 0, 0};
+    if (precond)
+        memory = sbi_precond_get_memory(precond);
+    memory.shift = sbi_state_double(walk, memory.shift);
+    memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
+    memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
+    if (sbi_state_checks(walk) && !sbi_precond_is_memory(memory))
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
+                                                                      "is out of range", memory.shift, memory.wait));
+    if (walk->pass == SBI_STATE_READ)
+        sbi_precond_set_memory(precond, memory);
+}
+
+static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
+
+/* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
+ * that of the image; materials come before what depends on them. */
+typedef struct sbi_state_part {
+    int number;
+    void (*walk)(sb_body *body, sbi_state_walk *walk);
+} sbi_state_part;
+
+static const sbi_state_part sbi_state_parts[] = {
+    {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
+    {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
+    {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
+    {14, sbi_state_guard},    {8, sbi_state_precond},
+};
+enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+
+static const char sbi_state_magic[9] = "SBSTATE\x1A";
+
+static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    walk->pass = pass;
+    walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
+    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
+        const sbi_state_part *part = sbi_state_parts + i;
+        sbi_state_int(walk, part->number, part->number, part->number, "part");
+        if (walk->result == SB_OK)
+            part->walk(body, walk);
+    }
+}
+
+/* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
+ * arrays are the body's own, which these passes leave alone. */
+static void sbi_state_run_const(const sb_body *body, sbi_state_walk *walk, sbi_state_pass pass)
+{
+    sb_body view = *body;
+    sbi_state_run(&view, walk, pass);
+}
+
+/* Gives up what RESERVE made and READ did not take. */
+static void sbi_state_drop(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_body_free_pattern(body, &walk->pattern);
+    sbi_free(&body->allocator, walk->fibres);
+    if (walk->loads)
+        sbi_state_free_loads(body, walk->loads, walk->load_count);
+    sbi_elimination_free(walk->elimination);
+}
+
+static sbi_state_walk sbi_state_begin(void)
+{
+    sbi_state_walk walk;
+    memset(&walk, 0, sizeof walk);
+    return walk;
+}
+
+/* ---- entry points ---- */
+
+SB_API size_t sb_body_state_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body)
+        return 0;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t size)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    size_t needed = sb_body_state_size(body);
+    if (!body || !buffer || needed == 0 || size < needed)
+        return SB_ERROR_ARGUMENT;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
+    return SB_OK;
+}
+
+SB_API uint64_t sb_body_state_hash(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (body)
+        sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+    return walk.hash;
+}
+
+/* Tells a recording what was loaded. */
+static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = SBI_COMMAND_STATE;
+    command.bytes = bytes;
+    command.byte_count = size;
+    body->observe(body->observer, &command);
+}
+
+SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    if (!body || (size > 0 && !buffer))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
+    walk.in = (const unsigned char *)buffer;
+    walk.error = error;
+    walk.result = sbi_image_check(walk.in, size, sbi_state_magic, SBI_STATE_VERSION, "state", error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    walk.size = size - SBI_IMAGE_TAIL;
+    sbi_state_run_const(body, &walk, SBI_STATE_CHECK);
+    if (walk.result == SB_OK && walk.used != walk.size)
+        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
+                               (unsigned long)(walk.size - walk.used));
+    if (walk.result == SB_OK)
+        sbi_state_run(body, &walk, SBI_STATE_RESERVE);
+    if (walk.result != SB_OK) {
+        sbi_state_drop(body, &walk);
+        return walk.result;
+    }
+    sbi_state_run(body, &walk, SBI_STATE_READ);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
+{
+    size_t size = sb_body_state_size(body);
+    unsigned char *image;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_save_file needs a body and a path");
+    image = size ? (unsigned char *)sbi_alloc(&body->allocator, size, 1) : NULL;
+    if (!image)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a state of %lu bytes", (unsigned long)size);
+    sb_body_state_save(body, image, size);
+    result = sb_file_save(path, image, size, error);
+    sbi_free(&body->allocator, image);
+    return result;
+}
+
+SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_error *error)
+{
+    unsigned char *image = NULL;
+    size_t size = 0;
+    sb_result result;
+    if (!body || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load_file needs a body and a path");
+    result = sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size,
+                                 error);
+    if (result != SB_OK)
+        return result;
+    result = sb_body_state_load(body, image, size, error);
+    if (result != SB_OK && error)
+        sbi_error_set_file(error, path);
+    sbi_free(&body->allocator, image);
+    return result;
+}

@@ -1,0 +1,726 @@
+/* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
+#include "assembly_batch.h"
+#include "../base/lanes.h"
+
+#include <string.h>
+
+/* ---- set-up ---- */
+
+SBI_API int sbi_batch_fits(const sb_domain *domain)
+{
+    int is_tet4 = domain->element_type == SB_TET4 && domain->points_per_cell == 1;
+    int is_tet10 = domain->element_type == SB_TET10 && domain->points_per_cell == 4;
+    return (is_tet4 || is_tet10) && domain->cell_count < INT32_MAX / 256 - SB_POLAR_LANES; /* see sbi_batch_pair */
+}
+
+/* Else tet10; known at compile time when SB_ELEMENT is set. */
+static int sbi_batch_is_tet4(const sbi_assembly *assembly)
+{
+    return sbi_element_type_or_pinned(assembly->domain->element_type) == SB_TET4;
+}
+
+static size_t sbi_batch_count(const sb_domain *domain)
+{
+    return ((size_t)domain->cell_count + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+}
+
+/* Reals that the tangent keeps of a cell: its rotated gradients. */
+static size_t sbi_batch_rotated_size(const sb_domain *domain)
+{
+    return 3 * (size_t)domain->nodes_per_cell * (size_t)domain->points_per_cell;
+}
+
+SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
+{
+    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
+    assembly->batch_moduli = (sb_real *)sbi_arena_take(arena, batches * q, 3 * lane);
+    if (q == 1) {
+        assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
+        assembly->saved_batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
+    }
+    assembly->rotated =
+        (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
+    assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
+    assembly->pairs = (int *)sbi_arena_take(arena, cells, n * (n - 1) / 2 * sizeof(int));
+}
+
+/* What stands in a lane: lanes beyond the last cell repeat it. */
+static int sbi_batch_cell(const sb_domain *domain, int batch, int lane)
+{
+    return sbi_min_int(batch * SB_POLAR_LANES + lane, domain->cell_count - 1);
+}
+
+SBI_API void sbi_batch_fill(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    int n = domain->nodes_per_cell, q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
+    sb_real *out = assembly->batch_gradients;
+    for (int batch = 0; batch < batches; batch++)
+        for (int p = 0; p < q; p++)
+            for (int k = 3; k < 3 * n; k++)
+                for (int l = 0; l < SB_POLAR_LANES; l++) {
+                    size_t point = (size_t)sbi_batch_cell(domain, batch, l) * (size_t)q + (size_t)p;
+                    *out++ = domain->gradients[point * 3 * (size_t)n + (size_t)k];
+                }
+}
+
+/* A cell and two of its nodes in one number. */
+enum { SBI_PAIR_NODE_BITS = 4 };
+static int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
+
+SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    int *start = assembly->pair_start, n = domain->nodes_per_cell;
+    memset(start, 0, ((size_t)matrix->block_count + 1) * sizeof *start);
+    for (int pass = 0; pass < 2; pass++) {
+        const int *block = assembly->scatter;
+        for (int e = 0; e < domain->cell_count; e++) {
+            const int *cell = domain->cells + (size_t)n * (size_t)e;
+            for (int a = 0; a < n; a++)
+                for (int b = a; b < n; b++, block++) {
+                    int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
+                    if (a == b)
+                        continue;
+                    if (pass == 0)
+                        start[at]++;
+                    else
+                        assembly->pairs[start[at]++] = flip ? sbi_batch_pair(e, b, a) : sbi_batch_pair(e, a, b);
+                }
+        }
+        for (int i = 0, sum = 0; pass == 0 && i <= matrix->block_count; i++) {
+            int count = start[i];
+            start[i] = sum;
+            sum += count;
+        }
+    }
+    memmove(start + 1, start, (size_t)matrix->block_count * sizeof *start);
+    start[0] = 0;
+}
+
+SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
+    sb_real *out = assembly->batch_moduli;
+    for (int batch = 0; batch < batches; batch++)
+        for (int p = 0; p < q; p++, out += 3 * SB_POLAR_LANES)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                int e = sbi_batch_cell(domain, batch, l);
+                const sb_material *material = assembly->materials + assembly->cell_material[e];
+                sb_real w = domain->weights[(size_t)e * (size_t)q + (size_t)p];
+                out[l] = w * material->lambda;
+                out[SB_POLAR_LANES + l] = w * material->mu;
+                out[2 * SB_POLAR_LANES + l] = sb_sqrt(w * material->mu);
+            }
+    assembly->mixed = 0;
+    for (int e = 0; e < domain->cell_count; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        assembly->ratios[e] = material->lambda / material->mu;
+        assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
+    }
+}
+
+SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
+{
+    for (size_t i = 0; assembly->batch_quats && i < sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES; i++)
+        assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore)
+{
+    memcpy(restore ? assembly->batch_quats : assembly->saved_batch_quats,
+           restore ? assembly->saved_batch_quats : assembly->batch_quats,
+           sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES * sizeof(sb_real));
+}
+
+/* ---- force ---- */
+
+/* Differences u_a - u_0 of nodes a >= 1 of the cells of a batch, component by component. */
+SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const sb_vec3 *u, const int n,
+                                       sb_real (*d)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
+        sb_vec3 origin = u[cell[0]];
+        for (int a = 0; a < n - 1; a++) {
+            sb_vec3 v = u[cell[a + 1]];
+            d[3 * a][l] = v.x - origin.x;
+            d[3 * a + 1][l] = v.y - origin.y;
+            d[3 * a + 2][l] = v.z - origin.z;
+        }
+    }
+}
+
+/* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
+                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
+                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
+    for (int a = 0; a < n - 1; a++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < SB_POLAR_LANES; l++)
+                    f[3 * i + j][l] += d[3 * a + i][l] * g[3 * a + j][l];
+}
+
+/* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
+SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                       const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                       sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    sb_real trace[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        trace[l] = -3;
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            trace[l] += r[k][l] * f[k][l];
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+}
+
+/* out[3 a + i] += sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to the gradients of nodes a >= 1. */
+SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LANES],
+                                      const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int add,
+                                      sb_real (*SB_RESTRICT out)[SB_POLAR_LANES])
+{
+    for (int a = 0; a < n - 1; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real sum = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
+                              m[3 * i + 2][l] * g[3 * a + 2][l];
+                out[3 * a + i][l] = add ? out[3 * a + i][l] + sum : sum;
+            }
+}
+
+/* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
+SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                        const int n, sb_vec3 *force)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, domain->cell_count - batch * SB_POLAR_LANES);
+    for (int l = 0; l < count; l++) {
+        const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
+        sb_vec3 sum = {0, 0, 0};
+        for (int a = 0; a < n - 1; a++) {
+            sb_vec3 *node = force + cell[a + 1];
+            sum.x += f[3 * a][l], node->x += f[3 * a][l];
+            sum.y += f[3 * a + 1][l], node->y += f[3 * a + 1][l];
+            sum.z += f[3 * a + 2][l], node->z += f[3 * a + 2][l];
+        }
+        force[cell[0]] = sb_v3_sub(force[cell[0]], sum);
+    }
+}
+
+/* Warm starts of a point of a batch into lanes, or back. */
+SBI_FORCE_INLINE void sbi_batch_load_quats(const sbi_assembly *assembly, int batch, int p, const int q,
+                                           sb_real (*quats)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        size_t e = (size_t)sbi_batch_cell(assembly->domain, batch, l);
+        sb_quat at = assembly->rotations[e * (size_t)q + (size_t)p];
+        quats[0][l] = at.w;
+        quats[1][l] = at.x;
+        quats[2][l] = at.y;
+        quats[3][l] = at.z;
+    }
+}
+
+SBI_FORCE_INLINE void sbi_batch_store_quats(sbi_assembly *assembly, int batch, int p, const int q,
+                                            const sb_real (*quats)[SB_POLAR_LANES])
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    for (int l = 0; l < count; l++) {
+        size_t e = (size_t)(batch * SB_POLAR_LANES + l);
+        assembly->rotations[e * (size_t)q + (size_t)p] =
+            sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]);
+    }
+}
+
+typedef sb_real sbi_batch_rows[SB_POLAR_LANES];
+#define SBI_BATCH_ROWS(pointer) ((const sb_real(*)[SB_POLAR_LANES])(pointer))
+
+static sb_real *sbi_batch_gradients_at(const sbi_assembly *assembly, int batch, int p, const int n, const int q)
+{
+    size_t point = (size_t)batch * (size_t)q + (size_t)p;
+    return assembly->batch_gradients + point * 3 * (size_t)(n - 1) * SB_POLAR_LANES;
+}
+
+static const sb_real *sbi_batch_moduli_at(const sbi_assembly *assembly, int batch, int p, const int q)
+{
+    return assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES;
+}
+
+/* Smallest |cos| of half the angle between the rotations of two points of a tet10, over all cells of a batch. */
+static sb_real sbi_batch_least_cos(const sb_real (*quats)[SB_POLAR_LANES])
+{
+    sbi_batch_rows square;
+    sb_real least = 1;
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        square[l] = 1;
+    for (int i = 4; i < 16; i += 4)
+        for (int j = 0; j < i; j += 4)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real dot = quats[i][l] * quats[j][l] + quats[i + 1][l] * quats[j + 1][l] +
+                              quats[i + 2][l] * quats[j + 2][l] + quats[i + 3][l] * quats[j + 3][l];
+                square[l] = dot * dot < square[l] ? dot * dot : square[l];
+            }
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        least = square[l] < least ? square[l] : least;
+    return sb_sqrt(least);
+}
+
+/* R sym(R^T F): what corotated stress sees of F when R is not the rotation of F. */
+static sb_mat3 sbi_batch_straighten(sb_mat3 r, sb_mat3 f)
+{
+    sb_mat3 b = sb_m3_tmul(r, f);
+    return sb_m3_mul(r, sb_m3_scale((sb_real)0.5, sb_m3_add(b, sb_m3_transpose(b))));
+}
+
+/* The same for a point of a batch, in place of F. */
+static void sbi_batch_straighten_point(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                       sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 a, b;
+        for (int k = 0; k < 9; k++) {
+            a.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
+        }
+        b = sbi_batch_straighten(a, b);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = b.m[k / 3][k % 3];
+    }
+}
+
+/* One rotation for the cells of a tet10 batch that are knotted, and F as sbi_batch_straighten leaves it. */
+static void sbi_batch_unknot(const sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
+                             sb_real (*quats)[SB_POLAR_LANES], sb_real (*r)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 gradient[4], shared;
+        sb_quat rotation[4];
+        for (int p = 0; p < 4; p++) {
+            rotation[p] = sb_quat_make(quats[4 * p][l], quats[4 * p + 1][l], quats[4 * p + 2][l], quats[4 * p + 3][l]);
+            for (int k = 0; k < 9; k++)
+                gradient[p].m[k / 3][k % 3] = f[9 * p + k][l];
+        }
+        if (!sbi_assembly_unknot(assembly, sbi_batch_cell(assembly->domain, batch, l), u, gradient, rotation))
+            continue;
+        shared = sb_quat_to_mat3(rotation[0]);
+        for (int p = 0; p < 4; p++) {
+            quats[4 * p][l] = rotation[p].w;
+            quats[4 * p + 1][l] = rotation[p].x;
+            quats[4 * p + 2][l] = rotation[p].y;
+            quats[4 * p + 3][l] = rotation[p].z;
+            gradient[p] = sbi_batch_straighten(shared, gradient[p]);
+            for (int k = 0; k < 9; k++) {
+                r[9 * p + k][l] = shared.m[k / 3][k % 3];
+                f[9 * p + k][l] = gradient[p].m[k / 3][k % 3];
+            }
+        }
+    }
+}
+
+/* Rotations r[9 p + k] of the points of a tet10 batch at u, where the gradients are f[9 p + k]; the stress needs these
+ * as they are afterwards. */
+static void sbi_batch_rotate_points(sbi_assembly *assembly, int batch, const sb_vec3 *u, sb_real (*f)[SB_POLAR_LANES],
+                                    sb_real (*r)[SB_POLAR_LANES])
+{
+    const sb_real may_be_twisted = (sb_real)0.51; /* sbi_assembly_unknot decides, at 0.5 */
+    sbi_batch_rows quats[16];
+    for (int p = 0; p < 4; p++) {
+        sbi_batch_load_quats(assembly, batch, p, 4, quats + 4 * p);
+        sb_polar_batch(f + 9 * p, quats + 4 * p, r + 9 * p);
+    }
+    if (assembly->unknots && sbi_batch_least_cos(SBI_BATCH_ROWS(quats)) < may_be_twisted)
+        sbi_batch_unknot(assembly, batch, u, f, quats, r);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats + 4 * p));
+}
+
+/* sums[4] += moment and stiffness of one point with the stress w P, as sbi_assembly_turning_stress takes them. */
+static void sbi_batch_add_moment(const sb_real *SB_RESTRICT mu, const sb_real (*SB_RESTRICT p)[SB_POLAR_LANES],
+                                 const sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
+                                 sb_real (*SB_RESTRICT sums)[SB_POLAR_LANES])
+{
+    for (int k = 0; k < 3; k++) {
+        int i = 3 * ((k + 1) % 3), j = 3 * ((k + 2) % 3);
+        for (int c = 0; c < 3; c++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sums[k][l] += p[i + c][l] * f[j + c][l] - p[j + c][l] * f[i + c][l];
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++)
+        sums[3][l] += mu[l];
+}
+
+/* Mean of the deformation gradients of a tet10 batch, by the points' w mu. */
+static void sbi_batch_mean(const sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                           sb_real (*mean)[SB_POLAR_LANES])
+{
+    sbi_batch_rows sum;
+    memset(sum, 0, sizeof sum);
+    memset(mean, 0, 9 * sizeof mean[0]);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *mu = sbi_batch_moduli_at(assembly, batch, p, 4) + SB_POLAR_LANES;
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            sum[l] += mu[l];
+        for (int k = 0; k < 9; k++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                mean[k][l] += mu[l] * f[9 * p + k][l];
+    }
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            mean[k][l] = sum[l] > 0 ? mean[k][l] / sum[l] : (sb_real)(k % 4 == 0);
+}
+
+/* sbi_assembly_turning_stress over w mu of the cell, in place of the mean gradient; 0 where that is 0. */
+static void sbi_batch_turning_stress(const sb_real (*r)[SB_POLAR_LANES], const sb_real (*moment)[SB_POLAR_LANES],
+                                     sb_real (*mean)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, f, s;
+        sb_real stiffness = moment[3][l];
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            f.m[k / 3][k % 3] = mean[k][l];
+        }
+        s = sbi_assembly_turning_stress(turn, f, sb_v3(moment[0][l], moment[1][l], moment[2][l]), stiffness);
+        for (int k = 0; k < 9; k++)
+            mean[k][l] = stiffness > 0 ? s.m[k / 3][k % 3] / stiffness : 0;
+    }
+}
+
+/* Forces out[27] of a tet10 batch with one rotation per cell, that of its mean deformation gradient. */
+static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_real (*f)[SB_POLAR_LANES],
+                                   sb_real (*out)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4], mean[9], r[9], moment[4], stress[36];
+    sbi_batch_mean(assembly, batch, f, mean);
+    sbi_batch_load_quats(assembly, batch, 0, 4, quats);
+    sb_polar_batch(mean, quats, r);
+    memset(moment, 0, sizeof moment);
+    memcpy(stress, f, sizeof stress);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
+        sbi_batch_store_quats(assembly, batch, p, 4, SBI_BATCH_ROWS(quats));
+        sbi_batch_straighten_point(SBI_BATCH_ROWS(r), stress + 9 * p);
+        sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, stress + 9 * p);
+        sbi_batch_add_moment(moduli + SB_POLAR_LANES, SBI_BATCH_ROWS(stress + 9 * p), f + 9 * p, moment);
+    }
+    sbi_batch_turning_stress(SBI_BATCH_ROWS(r), SBI_BATCH_ROWS(moment), mean);
+    memset(out, 0, 27 * sizeof out[0]);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *mu = sbi_batch_moduli_at(assembly, batch, p, 4) + SB_POLAR_LANES;
+        for (int k = 0; k < 9; k++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                stress[9 * p + k][l] += mu[l] * mean[k][l];
+        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                        10, 1, out);
+    }
+}
+
+static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sbi_batch_rows d[27], f[36], r[36];
+    sbi_batch_gather(assembly->domain, batch, u, 10, d);
+    for (int p = 0; p < 4; p++)
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                              10, 1, f + 9 * p);
+    if (assembly->domain->single_rotation) {
+        sbi_batch_force_single(assembly, batch, SBI_BATCH_ROWS(f), r);
+        sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(r), 10, force);
+        return;
+    }
+    sbi_batch_rotate_points(assembly, batch, u, f, r);
+    memset(d, 0, sizeof d);
+    for (int p = 0; p < 4; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
+        sbi_batch_stress(SBI_BATCH_ROWS(r + 9 * p), moduli, moduli + SB_POLAR_LANES, f + 9 * p);
+        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p),
+                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
+}
+
+static void sbi_batch_force_tet4(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int batch)
+{
+    sb_real *g = sbi_batch_gradients_at(assembly, batch, 0, 4, 1);
+    const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, 0, 1);
+    sbi_batch_rows d[9], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, u, 4, d);
+    sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), 4, 1, f);
+    sb_polar_batch(f, (sb_real(*)[SB_POLAR_LANES])(assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES), r);
+    sbi_batch_stress(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+    sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), 4, 0, d);
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 4, force);
+}
+
+SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_force_tet4(assembly, u, force, batch);
+        else
+            sbi_batch_force_tet10(assembly, u, force, batch);
+}
+
+/* ---- product without a matrix ---- */
+
+/* Rotation matrices of a point of a batch, as the last force left them. */
+SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batch, int p, const int q,
+                                          sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
+{
+    sbi_batch_rows quats[4];
+    if (q == 1)
+        memcpy(quats, assembly->batch_quats + (size_t)batch * 4 * SB_POLAR_LANES, sizeof quats);
+    else
+        sbi_batch_load_quats(assembly, batch, p, q, quats);
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
+        for (int k = 0; k < 9; k++)
+            r[k][l] = m.m[k / 3][k % 3];
+    }
+}
+
+/* w R (lambda tr(e) I + 2 mu e), e = sym(R^T dF), in place of dF. */
+SBI_FORCE_INLINE void sbi_batch_stress_change(const sb_real (*SB_RESTRICT r)[SB_POLAR_LANES],
+                                              const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
+                                              sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_mat3 turn, b, s;
+        sb_real volume;
+        for (int k = 0; k < 9; k++) {
+            turn.m[k / 3][k % 3] = r[k][l];
+            b.m[k / 3][k % 3] = f[k][l];
+        }
+        b = sb_m3_tmul(turn, b);
+        volume = lambda[l] * (b.m[0][0] + b.m[1][1] + b.m[2][2]);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                s.m[i][j] = mu[l] * (b.m[i][j] + b.m[j][i]) + (i == j ? volume : (sb_real)0);
+        s = sb_m3_mul(turn, s);
+        for (int k = 0; k < 9; k++)
+            f[k][l] = s.m[k / 3][k % 3];
+    }
+}
+
+SBI_FORCE_INLINE void sbi_batch_multiply_cells(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int batch,
+                                               const int n, const int q)
+{
+    sbi_batch_rows d[27], sum[27], f[9], r[9];
+    sbi_batch_gather(assembly->domain, batch, x, n, d);
+    memset(sum, 0, sizeof sum);
+    for (int p = 0; p < q; p++) {
+        const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, q);
+        sb_real *g = sbi_batch_gradients_at(assembly, batch, p, n, q);
+        sbi_batch_rotations(assembly, batch, p, q, r);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(g), n, 0, f);
+        sbi_batch_stress_change(SBI_BATCH_ROWS(r), moduli, moduli + SB_POLAR_LANES, f);
+        sbi_batch_apply(SBI_BATCH_ROWS(f), SBI_BATCH_ROWS(g), n, 1, sum);
+    }
+    sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(sum), n, y);
+}
+
+SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end)
+{
+    for (int batch = begin / SB_POLAR_LANES; batch * SB_POLAR_LANES < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_multiply_cells(assembly, x, y, batch, 4, 1);
+        else
+            sbi_batch_multiply_cells(assembly, x, y, batch, 10, 4);
+}
+
+/* ---- tangent: rotated gradients ---- */
+
+/* h[3 (q a + p) + i] = component i of sqrt(w mu) R g_a at point p of a batch, for all nodes a. */
+SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, int batch, int p, const int n,
+                                                 const int q, sb_real (*SB_RESTRICT h)[SB_POLAR_LANES])
+{
+    const sb_real(*g)[SB_POLAR_LANES] = SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, n, q));
+    const sb_real *scale = sbi_batch_moduli_at(assembly, batch, p, q) + 2 * SB_POLAR_LANES;
+    sbi_batch_rows r[9], sum[3];
+    sbi_batch_rotations(assembly, batch, p, q, r);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < SB_POLAR_LANES; l++)
+            r[k][l] *= scale[l];
+    memset(sum, 0, sizeof sum);
+    for (int a = 1; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int l = 0; l < SB_POLAR_LANES; l++) {
+                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
+                                 r[3 * i + 2][l] * g[3 * a - 1][l];
+                h[3 * (q * a + p) + i][l] = turned;
+                sum[i][l] -= turned;
+            }
+    memcpy(h + 3 * p, sum, sizeof sum);
+}
+
+/* The rotated gradients of the cells of a batch. */
+SBI_FORCE_INLINE void sbi_batch_rotate(const sbi_assembly *assembly, int batch, const int n, const int q)
+{
+    int count = sbi_min_int(SB_POLAR_LANES, assembly->domain->cell_count - batch * SB_POLAR_LANES);
+    sb_real *out = assembly->rotated + (size_t)batch * SB_POLAR_LANES * (size_t)(3 * n * q);
+    sbi_batch_rows h[120];
+    for (int p = 0; p < q; p++)
+        sbi_batch_rotate_gradients(assembly, batch, p, n, q, h);
+    for (int l = 0; l < count; l++, out += 3 * n * q)
+        for (int k = 0; k < 3 * n * q; k++)
+            out[k] = h[k][l];
+}
+
+typedef struct sbi_batch_job {
+    sbi_assembly *assembly;
+    sb_matrix *matrix;
+    sb_real factor;
+} sbi_batch_job;
+
+static void sbi_batch_rotate_chunk(void *user, int chunk)
+{
+    sbi_assembly *assembly = ((const sbi_batch_job *)user)->assembly;
+    int batch = chunk * (assembly->chunk_size / SB_POLAR_LANES);
+    int end = sbi_min_int(batch + assembly->chunk_size / SB_POLAR_LANES, (int)sbi_batch_count(assembly->domain));
+    for (; batch < end; batch++)
+        if (sbi_batch_is_tet4(assembly))
+            sbi_batch_rotate(assembly, batch, 4, 1);
+        else
+            sbi_batch_rotate(assembly, batch, 10, 4);
+}
+
+/* ---- tangent: rows ---- */
+
+enum { SBI_ROWS_PER_TASK = 128 };
+
+/* A row of a 3x3 block; as vector, its fourth number means nothing. Both forms give the same bits. */
+#if SBI_HAS_LANES
+typedef sbi_lanes sbi_batch_row;
+#define SBI_ROW_AT(row, j) ((row)[j])
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b) { return a * SBI_LANES_AT(b); }
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b) { return sum + a * b; }
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return a + b; }
+#else
+typedef sb_vec3 sbi_batch_row;
+#define SBI_ROW_AT(row, j) ((j) == 0 ? (row).x : (j) == 1 ? (row).y : (row).z)
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_scale(sb_real a, const sb_real *b)
+{
+    return sb_v3(a * b[0], a * b[1], a * b[2]);
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_batch_row b)
+{
+    return sb_v3_madd(sum, a, b);
+}
+SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return sb_v3_add(a, b); }
+#endif
+
+/* s = sum over the points of a cell of h_a h_b^T. */
+SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
+{
+    for (int i = 0; i < 3; i++)
+        s[i] = sbi_batch_scale(a[i], b);
+    for (int p = 1; p < q; p++)
+        for (int i = 0; i < 3; i++)
+            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
+}
+
+/* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const int n, const int q, const int mixed,
+                                      sb_real factor, sb_real *out)
+{
+    static const sb_real zeros[4] = {0, 0, 0, 0};
+    sbi_batch_row s[3], l[3];
+    sb_real trace;
+    for (int i = 0; i < 3; i++)
+        s[i] = l[i] = sbi_batch_scale(0, zeros);
+    for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
+        int pair = assembly->pairs[p];
+        size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
+        const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
+        sbi_batch_row t[3];
+        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
+        for (int i = 0; i < 3; i++) {
+            s[i] = sbi_batch_add(s[i], t[i]);
+            if (mixed)
+                l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
+        }
+    }
+    for (int i = 0; !mixed && i < 3; i++)
+        l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
+    trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[3 * i + j] =
+                factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
+}
+
+SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
+                                           const int mixed)
+{
+    sb_matrix *matrix = job->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+            sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
+}
+
+static void sbi_batch_upper(void *user, int index)
+{
+    const sbi_batch_job *job = (const sbi_batch_job *)user;
+    int is_tet4 = sbi_batch_is_tet4(job->assembly);
+    if (is_tet4 && job->assembly->mixed)
+        sbi_batch_upper_rows(job, index, 4, 1, 1);
+    else if (is_tet4)
+        sbi_batch_upper_rows(job, index, 4, 1, 0);
+    else if (job->assembly->mixed)
+        sbi_batch_upper_rows(job, index, 10, 4, 1);
+    else
+        sbi_batch_upper_rows(job, index, 10, 4, 0);
+}
+
+/* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
+ * K_ij. */
+static void sbi_batch_lower(void *user, int index)
+{
+    sb_matrix *matrix = ((const sbi_batch_job *)user)->matrix;
+    int begin = index * SBI_ROWS_PER_TASK;
+    int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    for (int row = begin; row < end; row++) {
+        int diagonal = matrix->diagonal[row];
+        sb_real sum[9] = {0}, *out = matrix->blocks[diagonal];
+        for (int k = matrix->row_start[row]; k < diagonal; k++) {
+            const sb_real *upper = matrix->blocks[matrix->transpose[k]];
+            sb_real *lower = matrix->blocks[k];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    sum[3 * j + i] -= upper[3 * i + j];
+                    lower[3 * j + i] = upper[3 * i + j];
+                }
+        }
+        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+            for (int c = 0; c < 9; c++)
+                sum[c] -= matrix->blocks[k][c];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                out[3 * i + j] = (sb_real)0.5 * (sum[3 * i + j] + sum[3 * j + i]);
+    }
+}
+
+SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix)
+{
+    int tasks = (matrix->row_count - 1) / SBI_ROWS_PER_TASK + 1;
+    sbi_batch_job job;
+    job.assembly = assembly;
+    job.matrix = matrix;
+    job.factor = factor;
+    sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
+    sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
+    sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
+}

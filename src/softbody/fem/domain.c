@@ -1,0 +1,444 @@
+/* domain: integration points from elements. */
+#include "domain.h"
+
+#include <string.h>
+
+SB_API void sb_domain_free(sb_domain *domain)
+{
+    sb_allocator allocator;
+    if (!domain)
+        return;
+    allocator = domain->allocator;
+    sbi_free(&allocator, domain->cells);
+    sbi_free(&allocator, domain->gradients);
+    sbi_free(&allocator, domain->weights);
+    sbi_free(&allocator, domain->cell_mass);
+    memset(domain, 0, sizeof *domain);
+}
+
+/* Je_ij = sum_a X_a,i dN_a/dxi_j */
+static sb_mat3 sbi_domain_jacobian(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3])
+{
+    sb_mat3 jacobian = sb_m3_zero();
+    for (int a = 0; a < node_count; a++)
+        for (int j = 0; j < 3; j++) {
+            sb_real d = local_gradient[a][j];
+            jacobian.m[0][j] += x[a].x * d;
+            jacobian.m[1][j] += x[a].y * d;
+            jacobian.m[2][j] += x[a].z * d;
+        }
+    return jacobian;
+}
+
+/* Gradients g_a = Je^-T dN_a/dxi at one point; returns det Je. */
+static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3],
+                                sb_real *gradient)
+{
+    sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
+    sb_real det = sb_m3_det(jacobian);
+    if (det > 0) {
+        sb_mat3 inverse_transpose = sb_m3_scale((sb_real)1 / det, sb_m3_cofactor(jacobian));
+        for (int a = 0; a < node_count; a++) {
+            const sb_real *d = local_gradient[a];
+            sb_vec3 g = sb_m3_apply(inverse_transpose, sb_v3(d[0], d[1], d[2]));
+            gradient[3 * a] = g.x;
+            gradient[3 * a + 1] = g.y;
+            gradient[3 * a + 2] = g.z;
+        }
+    }
+    return det;
+}
+
+/* 1 when a mid-edge node of a tet10 stands off the middle of its edge by more than rounding. */
+static int sbi_domain_tet10_is_curved(const sb_vec3 *x)
+{
+    for (int e = 0; e < 6; e++) {
+        int ends[3];
+        sb_element_edge(SB_TET10, e, ends);
+        sb_vec3 a = x[ends[0]], b = x[ends[1]], mid = x[ends[2]];
+        sb_vec3 offset = sb_v3_sub(mid, sb_v3_scale((sb_real)0.5, sb_v3_add(a, b)));
+        sb_real reach = sb_max(sb_v3_norm(sb_v3_sub(b, a)), SB_EPSILON * (sb_v3_norm(a) + sb_v3_norm(b)));
+        if (sb_v3_norm(offset) > (sb_real)1e-5 * reach)
+            return 1;
+    }
+    return 0;
+}
+
+static void sbi_domain_gather(const sb_mesh *mesh, int element, int node_count, sb_vec3 *x)
+{
+    const int *nodes = mesh->elements + (size_t)element * (size_t)node_count;
+    for (int a = 0; a < node_count; a++)
+        x[a] = mesh->nodes[nodes[a]];
+}
+
+static int sbi_domain_has_curved_side(const sb_mesh *mesh)
+{
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    if (mesh->element_type != SB_TET10)
+        return 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        sbi_domain_gather(mesh, e, 10, x);
+        if (sbi_domain_tet10_is_curved(x))
+            return 1;
+    }
+    return 0;
+}
+
+/* The mean point of a cell after its `ordinary` others: g_a = sum_p w_p g_a,p / V with the weight V = sum_p w_p. */
+static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
+{
+    size_t first = (size_t)cell * (size_t)domain->points_per_cell, values = 3 * (size_t)domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + first;
+    sb_real *gradients = domain->gradients + first * values, *mean = gradients + (size_t)ordinary * values;
+    sb_real volume = 0;
+    for (int p = 0; p < ordinary; p++)
+        volume += weights[p];
+    domain->weights[first + (size_t)ordinary] = volume;
+    for (size_t k = 0; k < values; k++) {
+        sb_real sum = 0;
+        for (int p = 0; p < ordinary; p++)
+            sum += weights[p] * gradients[(size_t)p * values + k];
+        mean[k] = sum / volume;
+    }
+}
+
+/* Fills weights and gradients of every cell; the arrays are there. */
+static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
+    for (int p = 0; p < q; p++)
+        sbi_element_shape(element, points[p], NULL, local[p]);
+    for (int e = 0; e < mesh->element_count; e++) {
+        sb_vec3 x[SB_MAX_ELEMENT_NODES];
+        sbi_domain_gather(mesh, e, n, x);
+        for (int p = 0; p < q; p++) {
+            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
+            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
+            if (!(det > 0))
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
+                                        (double)det);
+            domain->weights[at] = det * weights[p];
+        }
+        if (domain->mean_point)
+            sbi_domain_fill_mean(domain, e, q);
+    }
+    return SB_OK;
+}
+
+static sb_result sbi_domain_allocate(const sb_mesh *mesh, const sb_allocator *allocator, sb_domain *domain,
+                                     sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t cells = (size_t)mesh->element_count;
+    if (allocator)
+        domain->allocator = *allocator;
+    domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    if (!domain->cells || !domain->gradients || !domain->weights)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d elements",
+                        mesh->element_count);
+    memcpy(domain->cells, mesh->elements, cells * n * sizeof(int));
+    return SB_OK;
+}
+
+/* What every domain asks of its mesh. */
+static sb_result sbi_domain_check_mesh(const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = sb_mesh_validate(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) != 3)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a body needs volume elements, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (!sbi_element_is_enabled(mesh->element_type))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "this build simulates one element type only (SB_ELEMENT), not %s",
+                        sb_element_name(mesh->element_type));
+    return SB_OK;
+}
+
+SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
+                                  const sb_allocator *allocator, sb_domain *domain, sb_error *error)
+{
+    sb_domain made;
+    sb_quadrature_kind kind = SB_QUADRATURE_STIFFNESS;
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_result result;
+    memset(&made, 0, sizeof made);
+    if (!mesh || !domain)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_domain_create needs a mesh and a domain");
+    result = sbi_domain_check_mesh(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (single_rotation && mesh->element_type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "one rotation per element is for tet10, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if ((int)integration < SB_INTEGRATION_AUTO || (int)integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "integration is %d, which is none", (int)integration);
+    if (integration == SB_INTEGRATION_BBAR && mesh->element_type != SB_HEX8)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "SB_INTEGRATION_BBAR is for hex8, the mesh has %s",
+                        sb_element_name(mesh->element_type));
+    if (integration == SB_INTEGRATION_CURVED ||
+        (integration == SB_INTEGRATION_AUTO && sbi_domain_has_curved_side(mesh)))
+        kind = SB_QUADRATURE_STIFFNESS_CURVED;
+    made.element_type = mesh->element_type;
+    made.single_rotation = single_rotation != 0;
+    made.node_count = mesh->node_count;
+    made.cell_count = mesh->element_count;
+    made.table = sbi_mesh_element_kind(mesh).table;
+    made.mean_point = integration == SB_INTEGRATION_BBAR;
+    made.nodes_per_cell = sb_mesh_element_width(mesh);
+    made.points_per_cell =
+        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
+    result = sbi_domain_allocate(mesh, allocator, &made, error);
+    if (result == SB_OK)
+        result = sbi_domain_fill(mesh, kind, &made, error);
+    if (result != SB_OK) {
+        sb_domain_free(&made);
+        return result;
+    }
+    *domain = made;
+    return SB_OK;
+}
+
+/* ---- domains from elsewhere ---- */
+
+/* 1 when bodies have loops for so many points of these cells. */
+static int sbi_domain_has_loops(const sb_domain *domain, const sb_mesh *mesh)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sbi_element element = sbi_mesh_element_kind(mesh);
+    int plain = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    int curved = sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS_CURVED, points, weights);
+    int ordinary = domain->points_per_cell - domain->mean_point;
+    return ordinary == plain || (ordinary == curved && !domain->single_rotation);
+}
+
+/* Counts, flags and arrays against the mesh. */
+static sb_result sbi_domain_check_fit(const sb_domain *domain, const sb_mesh *mesh, sb_error *error)
+{
+    size_t entries = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    if (domain->element_type != mesh->element_type || domain->node_count != mesh->node_count ||
+        domain->cell_count != mesh->element_count || domain->nodes_per_cell != sb_mesh_element_width(mesh) ||
+        (mesh->element_type == SB_CUSTOM && domain->table != mesh->table))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain has %d nodes and %d cells of %s, the mesh %d nodes and %d elements of %s",
+                        domain->node_count, domain->cell_count, sb_element_name(domain->element_type), mesh->node_count,
+                        mesh->element_count, sb_element_name(mesh->element_type));
+    if (domain->mean_point != (domain->mean_point && mesh->element_type == SB_HEX8) ||
+        domain->single_rotation != (domain->single_rotation && mesh->element_type == SB_TET10))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "the domain's mean_point %d is 0, or 1 for hex8; its single_rotation %d 0, or 1 for tet10",
+                        domain->mean_point, domain->single_rotation);
+    if (!sbi_domain_has_loops(domain, mesh))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the domain has %d points per cell, which no rule of %s has",
+                        domain->points_per_cell, sb_element_name(mesh->element_type));
+    if (!domain->cells || !domain->gradients || !domain->weights)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an array of the domain is NULL");
+    for (size_t i = 0; i < entries; i++)
+        if (domain->cells[i] != mesh->elements[i])
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, (int)(i / (size_t)domain->nodes_per_cell),
+                                    "cell %d of the domain has other nodes than the mesh's element",
+                                    (int)(i / (size_t)domain->nodes_per_cell));
+    return SB_OK;
+}
+
+static int sbi_domain_all_finite(const sb_real *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!sb_is_finite(values[i]))
+            return 0;
+    return 1;
+}
+
+/* 1 when gradients[n][3] sum to 0 up to rounding: then a translation is no deformation. */
+static int sbi_domain_is_balanced(const sb_real *gradients, int n)
+{
+    sb_real size = 0, sum[3] = {0, 0, 0};
+    for (int a = 0; a < 3 * n; a++) {
+        sum[a % 3] += gradients[a];
+        size += sb_abs(gradients[a]);
+    }
+    return sb_abs(sum[0]) + sb_abs(sum[1]) + sb_abs(sum[2]) <= 1000 * SB_EPSILON * size;
+}
+
+/* The numbers of one cell; *volume += its weights. */
+static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *volume, sb_error *error)
+{
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell, pairs = n * (n + 1) / 2;
+    const sb_real *weights = domain->weights + (size_t)e * q, *gradients = domain->gradients + (size_t)e * q * 3 * n;
+    const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
+    if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
+        (mass && !sbi_domain_all_finite(mass, pairs)))
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+    for (size_t p = 0; p < q; p++) {
+        if (!(weights[p] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
+                                    (int)p, e, (double)weights[p]);
+        if (!sbi_domain_is_balanced(gradients + p * 3 * n, (int)n))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e,
+                                    "the gradients at point %d of cell %d of the domain do not sum to 0", (int)p, e);
+        *volume += weights[p];
+    }
+    for (size_t a = 0, at = 0; mass && a < n; at += n - a, a++)
+        if (!(mass[at] >= 0))
+            return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "cell %d of the domain has a negative mass %g", e,
+                                    (double)mass[at]);
+    return SB_OK;
+}
+
+/* A copy of `count` numbers, or NULL: of none, or (then *failed is 1) for lack of memory. */
+static sb_real *sbi_domain_copy_reals(const sb_allocator *allocator, const sb_real *from, size_t rows, size_t columns,
+                                      int *failed)
+{
+    sb_real *to = from ? (sb_real *)sbi_alloc(allocator, rows, columns * sizeof(sb_real)) : NULL;
+    if (to)
+        memcpy(to, from, rows * columns * sizeof(sb_real));
+    *failed |= from && !to;
+    return to;
+}
+
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error)
+{
+    sb_domain made = *domain;
+    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    sb_real volume = 0;
+    int failed = 0;
+    sb_result result = sbi_domain_check_mesh(mesh, error);
+    if (result == SB_OK)
+        result = sbi_domain_check_fit(domain, mesh, error);
+    for (int e = 0; e < domain->cell_count && result == SB_OK; e++)
+        result = sbi_domain_check_cell(domain, e, &volume, error);
+    if (result == SB_OK && !(volume > 0))
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "all weights of the domain are 0");
+    if (result != SB_OK)
+        return result;
+    memset(&made.allocator, 0, sizeof made.allocator);
+    if (allocator)
+        made.allocator = *allocator;
+    made.cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    if (made.cells)
+        memcpy(made.cells, domain->cells, cells * n * sizeof(int));
+    made.gradients = sbi_domain_copy_reals(allocator, domain->gradients, cells, q * n * 3, &failed);
+    made.weights = sbi_domain_copy_reals(allocator, domain->weights, cells, q, &failed);
+    made.cell_mass = sbi_domain_copy_reals(allocator, domain->cell_mass, cells, n * (n + 1) / 2, &failed);
+    if (failed || !made.cells) {
+        sb_domain_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", domain->cell_count);
+    }
+    *copy = made;
+    return SB_OK;
+}
+
+/* ---- mass ---- */
+
+/* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
+static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x,
+                                         sb_real *mass, sb_real *load)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    int n = sbi_element_node_count(element), q = sbi_element_quadrature(element, kind, points, weights);
+    sb_real volume = 0;
+    memset(mass, 0, (size_t)(n * n) * sizeof *mass);
+    memset(load, 0, (size_t)n * sizeof *load);
+    for (int p = 0; p < q; p++) {
+        sbi_element_shape(element, points[p], shape, local);
+        sb_real w = weights[p] * sb_m3_det(sbi_domain_jacobian(n, x, (const sb_real(*)[3])local));
+        volume += w;
+        for (int a = 0; a < n; a++) {
+            load[a] += w * shape[a];
+            for (int b = 0; b < n; b++)
+                mass[a * n + b] += w * shape[a] * shape[b];
+        }
+    }
+    return volume;
+}
+
+/* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
+static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
+{
+    sb_real trace = 0;
+    for (int a = 0; a < n; a++)
+        trace += mass[a * n + a];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++)
+            mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
+}
+
+/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which a corner is full, the squares of the
+ * other nodes' shape functions sum to next to nothing, while their slopes resist like those of any other material; the
+ * step that central differences may take falls with the root of the quotient. So every node gets at least a share of what
+ * it would have of these masses in the full cell; the cell's mass stays what it is. */
+static int sbi_domain_lump_part(int n, sb_real volume, const sb_real *full, sb_real *mass)
+{
+    sb_real all = 0, sum = 0;
+    int lifted = 0;
+    sbi_domain_lump(n, volume, mass);
+    for (int a = 0; a < n; a++)
+        all += full[a];
+    for (int a = 0; a < n; a++) {
+        sb_real *m = mass + a * (n + 1), least = SBI_LEAST_MASS * volume * full[a] / all;
+        lifted |= *m < least;
+        *m = sb_max(*m, least);
+        sum += *m;
+    }
+    for (int a = 0; a < n && lifted; a++)
+        mass[a * (n + 1)] *= volume / sum;
+    return lifted;
+}
+
+SBI_API void sbi_domain_full_mass(const sb_domain *domain, const sb_vec3 *x, sb_real *full)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    int n = domain->nodes_per_cell;
+    sbi_element_mass(sbi_domain_element(domain), SB_MASS_LUMPED, x, mass, NULL);
+    for (int a = 0; a < n; a++)
+        full[a] = mass[a * (n + 1)];
+}
+
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                              sb_real *volume_load)
+{
+    sb_real load[SB_MAX_ELEMENT_NODES];
+    int n = sbi_element_node_count(element);
+    sb_real volume =
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    if (kind == SB_MASS_REDUCED)
+        sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
+    if (kind == SB_MASS_LUMPED)
+        sbi_domain_lump(n, volume, mass);
+}
+
+SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                     sb_real *mass, sb_real *volume_load)
+{
+    int n = domain->nodes_per_cell;
+    const sb_real *own = domain->cell_mass;
+    sb_real volume = 0, full[SB_MAX_ELEMENT_NODES];
+    if (!own) {
+        sbi_element_mass(sbi_domain_element(domain), kind, x, mass, volume_load);
+        return 0;
+    }
+    own += (size_t)cell * (size_t)(n * (n + 1) / 2);
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, own++)
+            mass[a * n + b] = mass[b * n + a] = *own;
+    for (int a = 0; a < n; a++) { /* shape functions sum to 1, so rows sum to int N_a dV */
+        sb_real load = 0;
+        for (int b = 0; b < n; b++)
+            load += mass[a * n + b];
+        if (volume_load)
+            volume_load[a] = load;
+        volume += load;
+    }
+    if (kind != SB_MASS_LUMPED)
+        return 0;
+    sbi_domain_full_mass(domain, x, full);
+    return sbi_domain_lump_part(n, volume, full, mass);
+}

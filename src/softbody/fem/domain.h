@@ -1,0 +1,97 @@
+/* domain: integration points, the one abstraction everything with energy is made of. Floor 2. */
+#ifndef SB_DOMAIN_H
+#define SB_DOMAIN_H
+
+#include "../base/mapping.h"
+#include "../mesh/element.h"
+#include "../mesh/mesh.h"
+
+/* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
+ * and the reference gradients (1/m) of the cell's shape functions. With these
+ *     F = I + sum_a u_a (x) grad N_a,   f_a += w P grad N_a,   K_ab += w grad N_a . dP/dF . grad N_b
+ * serve every element, and whatever else can name its nodes, weights and gradients: a body takes a domain of one's own
+ * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
+ * not even where its deformation is one that the material does not admit. */
+typedef struct sb_domain {
+    sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
+    int single_rotation;          /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
+    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                   * gradients and their volume, and stands for the share of the material that resists
+                                   * changes of volume, which the others then leave out */
+    int node_count;
+    int cell_count;
+    int nodes_per_cell;
+    int points_per_cell;
+    int *cells;                   /* [cell_count][nodes_per_cell] */
+    sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
+    sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
+    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    sb_allocator allocator;
+} sb_domain;
+
+/* How a domain integrates its elements. */
+typedef enum sb_integration {
+    SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
+    SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
+    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                * stays as stiff as with the standard rule */
+} sb_integration;
+
+/* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
+ * Fails with SB_ERROR_MESH naming the element when a Jacobian at an integration point is not positive,
+ * SB_ERROR_NOT_FINITE or SB_ERROR_INDEX naming the node, SB_ERROR_ARGUMENT for a surface mesh, or single_rotation or
+ * SB_INTEGRATION_BBAR on another element, SB_ERROR_UNSUPPORTED for an element that SB_ELEMENT left out,
+ * SB_ERROR_MEMORY; *domain is then untouched. Release with sb_domain_free. Source: formula of the isoparametric map,
+ * g_a = Je^-T dN_a/dxi. */
+SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integration, int single_rotation,
+                                  const sb_allocator *allocator, sb_domain *domain, sb_error *error);
+
+/* Releases the arrays and leaves zeros; {0} and NULL are fine. */
+SB_API void sb_domain_free(sb_domain *domain);
+
+/* Mass matrices of an element at unit density. */
+typedef enum sb_mass_kind {
+    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
+                             * have masses of their own (cell_mass), no node gets less than half of what it would have of
+                             * cells as full as their stiffness, so that explicit steps stay nearly as long as in full
+                             * cells however little of one is inside; the mass of each part of the body stays what it is,
+                             * and where any node was given more its centre is made exact */
+    SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
+    SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
+                             * rank on tets: for comparisons, with supports */
+} sb_mass_kind;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Deep copy of a domain of the mesh's elements, after checks: SB_ERROR_ARGUMENT where it does not fit the mesh, has a
+ * NULL array, other numbers of points than a body's loops, a negative weight or mass, no weight at all, or gradients
+ * that do not sum to 0; SB_ERROR_NOT_FINITE; both name the cell; and what sb_domain_create returns. *copy is untouched
+ * on failure. */
+SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
+                                  sb_domain *copy, sb_error *error);
+/* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
+ * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
+ * have had less, else 0. */
+SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
+                                    sb_real *mass, sb_real *volume_load);
+/* The least share of the mass that a node would have, were its cells full up to their stiffness, that lumping leaves it
+ * with where cells have masses of their own. */
+#define SBI_LEAST_MASS ((sb_real)0.5)
+/* full[nodes] (m^3): the lumped mass of the cell's element with nodes at x[nodes] (m), as if it were full. */
+SBI_API void sbi_domain_full_mass(const sb_domain *domain, const sb_vec3 *x, sb_real *full);
+/* The element of the cells. */
+SB_INLINE sbi_element sbi_domain_element(const sb_domain *domain)
+{
+    return sbi_element_make(domain->element_type, domain->table);
+}
+/* mass[nodes][nodes] (m^3) of the element with nodes at x[nodes] (m); lumped masses stand on the diagonal.
+ * Multiply by the density. volume_load[nodes] (m^3), may be NULL: int N_a dV, exact. */
+SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_vec3 *x, sb_real *mass,
+                              sb_real *volume_load);
+#endif
+
+#endif /* SB_DOMAIN_H */

@@ -1,0 +1,47 @@
+/* direct_front: the dense arithmetic of a front of the sparse factor. Floor 1, internal.
+ *
+ * Panels are stored by columns, `height` apart. Every entry is a sum in one order, whatever the vectors' width and
+ * however many right-hand sides there are: the bits do not depend on either. */
+#ifndef SB_DIRECT_FRONT_H
+#define SB_DIRECT_FRONT_H
+
+#include "direct.h"
+
+/* Reals as one vector of the processor, at any alignment; 0: plain code. */
+#if defined(__GNUC__) && !defined(SB_NO_VECTORS)
+#if defined(__AVX__)
+#define SBI_FRONT_BYTES 32
+#else
+#define SBI_FRONT_BYTES 16
+#endif
+typedef sb_real sbi_front_lanes __attribute__((vector_size(SBI_FRONT_BYTES), aligned(sizeof(sb_real)), may_alias));
+#define SBI_FRONT_AT(pointer) (*(const sbi_front_lanes *)(const void *)(pointer))
+#define SBI_FRONT_PUT(pointer, value) (*(sbi_front_lanes *)(void *)(pointer) = (value))
+enum { SBI_FRONT_WIDTH = SBI_FRONT_BYTES / (int)sizeof(sb_real) };
+#else
+#define SBI_FRONT_BYTES 0
+enum { SBI_FRONT_WIDTH = 2 };
+#endif
+
+enum {
+    SBI_FRONT_GROUP = 2 * SBI_FRONT_WIDTH, /* right-hand sides solved at once; also the rows of a product's tile */
+    SBI_FRONT_DEPTH = 128,                 /* columns of a product's packed pieces, */
+    SBI_FRONT_ROWS = 64,                   /* rows of the left one, */
+    SBI_FRONT_COLUMNS = 128,               /* and of the right one */
+    SBI_FRONT_PACK = SBI_FRONT_DEPTH * (SBI_FRONT_ROWS + SBI_FRONT_COLUMNS)
+};
+
+/* A = L S L^T of the first `width` columns of a panel [height][width], in place; S holds signs[width], all 1 unless
+ * `indefinite`. sizes: [width] largest entry of each row of the matrix. Returns -1, or the column whose pivot is
+ * lost. */
+SBI_API int sbi_front_factor(sb_real *panel, size_t height, size_t width, int indefinite, sb_real *signs,
+                             const sb_real *sizes, sb_real *pack, sb_direct_info *info);
+/* square -= B S B^T, lower triangle, for the rows B below the first `width` of a factored panel. */
+SBI_API void sbi_front_square(const sb_real *panel, size_t height, size_t width, int indefinite, const sb_real *signs,
+                              sb_real *square, sb_real *pack);
+/* Forward and backward substitution of a front's columns in x[height][group], group 1 or SBI_FRONT_GROUP; the rows
+ * below the first `width` are changed forward and read backward. */
+SBI_API void sbi_front_forward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
+SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t width, sb_real *x, int group);
+
+#endif /* SB_DIRECT_FRONT_H */

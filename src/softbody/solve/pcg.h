@@ -1,0 +1,86 @@
+/* pcg: preconditioned conjugate gradients. Floor 1. */
+#ifndef SB_PCG_H
+#define SB_PCG_H
+
+#include "precond.h"
+
+typedef struct sb_pcg_options {
+    double tolerance; /* stop when |rhs - A x| <= tolerance |rhs| in each connected part of A, >= 0; default 1e-6 (float
+                       * builds: 1e-3) */
+    int max_iterations;  /* bound of the work, >= 0; default 1000 */
+    const sb_jobs *jobs; /* NULL (default): inline; the result is the same for any number of threads */
+} sb_pcg_options;
+
+typedef struct sb_pcg_info {
+    int iterations;         /* products with A in search directions */
+    double residual;        /* |rhs - A x| / |rhs| of the returned x, in the part where it is largest */
+    int residual_is_true;   /* 1: computed from x; 0: by the recurrence, which drifts by epsilon |A| |x| */
+    int negative_curvature; /* 1: a direction with p.Ap <= 0 ended the solve: A is not positive definite */
+    int capped;             /* 1: max_iterations ended the solve */
+} sb_pcg_info;
+
+/* Vectors of one solve, to be kept between solves. Not for two solves at a time. */
+typedef struct sb_pcg_workspace {
+    int row_count;
+    sb_real *start, *residual, *search, *direction, *product; /* [row_count][3] */
+    double *partial;                                          /* [chunks][2] sums of each chunk of rows */
+    void *parts;                                              /* what is kept of each connected part */
+    void *memory;
+    sb_allocator allocator;
+} sb_pcg_workspace;
+
+/* The defaults named at the fields. */
+SB_API sb_pcg_options sb_default_pcg_options(void);
+
+/* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
+ * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
+                                         sb_pcg_workspace *workspace, sb_error *error);
+SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
+
+/* Solves A x = rhs for a symmetric positive definite A.
+ * preconditioner  up to date with A; NULL: none
+ * rhs             [row_count][3]
+ * x               [row_count][3] in: the start; out: the solution. rhs = 0 gives x = 0 whatever the start, in each part
+ * options         NULL: defaults
+ * info            filled in every case but SB_ERROR_ARGUMENT; may be NULL
+ * Returns SB_OK;
+ *   SB_ERROR_NOT_CONVERGED  the cap was reached, or rounding stops progress (info->capped tells which); x is
+ *                           the last
+ *                           iterate, good enough for a real-time step that had no time for more
+ *   SB_ERROR_INDEFINITE     p.Ap <= 0 (info->negative_curvature) or a preconditioner that is not positive
+ *                           definite;
+ *                           x is the last iterate before
+ *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
+ *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
+ * Parts that the pattern of A does not connect are solved as if each were alone, side by side: with step lengths of its
+ * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside it.
+ * Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1. With
+ * levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the part
+ * that needs most.
+ * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
+ * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
+ * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
+ * nodes. Sums are taken in double over fixed chunks of rows, added in order: same bits for any number of
+ * threads.
+ * Multigrid has the matrix of its update in 32 bits an entry, which has half the bytes, but where moduli jump (and in
+ * float builds): directions are multiplied by that one, the true residual is computed with the matrix itself, and where
+ * the two part the iteration goes on from the true one, at last without the other. So the residual holds for the matrix
+ * given whatever the preconditioner was made of. */
+SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                              sb_pcg_info *info);
+
+/* ---- internal ------------------------------------------------------------------------------------------ */
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
+ * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
+ * look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of the
+ * residual there must be no more than tolerance times that of the magnitudes at the start x. */
+SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                        sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                        sb_pcg_info *info);
+#endif
+
+#endif /* SB_PCG_H */

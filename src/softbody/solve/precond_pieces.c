@@ -1,0 +1,263 @@
+/* precond_pieces: which nodes move together in the coarse space. Floor 1.
+ *
+ * A piece never holds nodes that do not hang together: its one motion would be that of things that move apart (parts of
+ * a body that lie between each other, the lips of a cut), and glue them. So each connected part is cut by itself, and
+ * where a cut by coordinates leaves fragments, each is a piece or joins the one that it touches. */
+#include <string.h>
+
+#include "precond_private.h"
+
+/* ---- along an axis ------------------------------------------------------------------------------------- */
+
+/* Order along an axis; ties by index, so that the cut is the same everywhere. */
+static int sbi_precond_before(const sb_vec3 *positions, int axis, int a, int b)
+{
+    sb_real xa = sbi_precond_coordinate(positions, a, axis), xb = sbi_precond_coordinate(positions, b, axis);
+    return xa < xb || (xa == xb && a < b);
+}
+
+static void sbi_precond_sift(const sb_vec3 *positions, int axis, int *nodes, int root, int count)
+{
+    int node = nodes[root];
+    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
+        if (child + 1 < count && sbi_precond_before(positions, axis, nodes[child], nodes[child + 1]))
+            child++;
+        if (!sbi_precond_before(positions, axis, node, nodes[child]))
+            break;
+        nodes[root] = nodes[child];
+        root = child;
+    }
+    nodes[root] = node;
+}
+
+static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *nodes, int count)
+{
+    for (int root = count / 2; root-- > 0;)
+        sbi_precond_sift(positions, axis, nodes, root, count);
+    for (int last = count - 1; last > 0; last--) {
+        int top = nodes[0];
+        nodes[0] = nodes[last];
+        nodes[last] = top;
+        sbi_precond_sift(positions, axis, nodes, 0, last);
+    }
+}
+
+static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
+{
+    sb_real extent[3];
+    for (int axis = 0; axis < 3; axis++) {
+        sb_real low = sbi_precond_coordinate(positions, nodes[0], axis), high = low;
+        for (int k = 1; k < count; k++) {
+            sb_real x = sbi_precond_coordinate(positions, nodes[k], axis);
+            low = x < low ? x : low;
+            high = x > high ? x : high;
+        }
+        extent[axis] = high - low;
+    }
+    return extent[1] > extent[0] ? (extent[2] > extent[1] ? 2 : 1) : (extent[2] > extent[0] ? 2 : 0);
+}
+
+/* ---- pieces of a part ---------------------------------------------------------------------------------- */
+
+typedef struct sbi_piece_maker {
+    const sb_matrix *a;
+    const sb_vec3 *positions;
+    int *nodes;       /* [rows] by piece */
+    int *piece_of;    /* [rows] */
+    int *fragment_of; /* [rows] -1: none yet */
+    int *list;        /* [rows] nodes by fragment; or a queue */
+    int *start;       /* [rows + 1] of fragments in the list */
+    int *sizes;       /* [rows] nodes of each fragment and of those that have joined it */
+    int *roots;       /* [rows] the fragment that each has joined; itself: none */
+    int *touching;    /* [rows] blocks that the fragment at work shares with each other one; otherwise 0 */
+    sb_vec3 *centres; /* [rows] */
+    int piece_count;
+} sbi_piece_maker;
+
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of
+ * the next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
+{
+    int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
+    int *nodes = m->nodes + begin;
+    if (pieces == 1) {
+        for (int k = begin; k < end; k++)
+            m->piece_of[m->nodes[k]] = piece;
+        return piece + 1;
+    }
+    sbi_precond_sort_nodes(m->positions, sbi_precond_longest_axis(m->positions, nodes, end - begin), nodes,
+                           end - begin);
+    piece = sbi_piece_cut(m, begin, middle, left, piece);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece);
+}
+
+/* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
+static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
+{
+    const sb_matrix *a = m->a;
+    int *queue = m->list, count = 1;
+    queue[0] = i;
+    m->fragment_of[i] = fragment;
+    for (int head = 0; head < count; head++)
+        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+            int j = a->columns[q];
+            if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
+                continue;
+            m->fragment_of[j] = fragment;
+            queue[count++] = j;
+        }
+    return count;
+}
+
+/* Finds the fragments of the part's pieces and lists their nodes; returns their number. */
+static int sbi_piece_find_fragments(sbi_piece_maker *m, int begin, int end)
+{
+    int count = 0;
+    for (int k = begin; k < end; k++)
+        m->fragment_of[m->nodes[k]] = -1;
+    for (int k = begin; k < end; k++)
+        if (m->fragment_of[m->nodes[k]] < 0) {
+            m->roots[count] = count;
+            m->sizes[count] = sbi_piece_spread(m, m->nodes[k], count);
+            count++;
+        }
+    m->start[0] = 0;
+    for (int f = 0; f < count; f++)
+        m->start[f + 1] = m->start[f] + m->sizes[f];
+    for (int k = end; k-- > begin;)
+        m->list[--m->start[m->fragment_of[m->nodes[k]] + 1]] = m->nodes[k];
+    for (int f = 0; f < count; f++) /* filling moved each end to its beginning */
+        m->start[f] = m->start[f + 1];
+    m->start[count] = end - begin;
+    return count;
+}
+
+static int sbi_piece_root(const sbi_piece_maker *m, int fragment)
+{
+    while (m->roots[fragment] != fragment)
+        fragment = m->roots[fragment];
+    return fragment;
+}
+
+/* What a fragment shares most blocks with; -1: nothing but itself. */
+static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
+{
+    const sb_matrix *a = m->a;
+    int best = -1;
+    for (int pass = 0; pass < 2; pass++)
+        for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
+            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+                int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
+                m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
+                if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
+                    best = other;
+            }
+    return best;
+}
+
+/* Fragments under a quarter of the mean size join what they touch most: they cost as much as whole pieces. */
+static void sbi_piece_join(sbi_piece_maker *m, int rows, int pieces, int fragment_count)
+{
+    for (int f = 0; f < fragment_count && fragment_count > pieces; f++) {
+        int best = 4 * (long long)m->sizes[f] * pieces < rows ? sbi_piece_neighbour(m, f) : -1;
+        if (best < 0)
+            continue;
+        m->roots[f] = best;
+        m->sizes[best] += m->sizes[f];
+    }
+}
+
+/* Numbers what has joined nothing from 0 on and gives all nodes these numbers; returns how many there are. */
+static int sbi_piece_number(sbi_piece_maker *m, int begin, int end, int fragment_count)
+{
+    int *number = m->touching, count = 0;
+    for (int f = 0; f < fragment_count; f++)
+        if (m->roots[f] == f)
+            number[f] = count++;
+    for (int k = begin; k < end; k++) {
+        int node = m->nodes[k];
+        m->fragment_of[node] = number[sbi_piece_root(m, m->fragment_of[node])];
+    }
+    memset(number, 0, (size_t)fragment_count * sizeof(int));
+    return count;
+}
+
+/* Lines the part's pieces up along its longest side, so that those that touch have near numbers and the rows of their
+ * matrix are short, and lists its nodes by piece. */
+static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
+{
+    int *order = m->roots, *rank = m->sizes, *next = m->start;
+    int axis = sbi_precond_longest_axis(m->positions, m->nodes + begin, end - begin);
+    memset(m->centres, 0, (size_t)count * sizeof *m->centres);
+    memset(next, 0, ((size_t)count + 1) * sizeof *next);
+    for (int k = begin; k < end; k++) {
+        int f = m->fragment_of[m->nodes[k]];
+        m->centres[f] = sb_v3_add(m->centres[f], m->positions[m->nodes[k]]);
+        next[f]++;
+    }
+    for (int f = 0; f < count; f++) {
+        m->centres[f] = sb_v3_scale((sb_real)1 / (sb_real)next[f], m->centres[f]);
+        order[f] = f;
+    }
+    sbi_precond_sort_nodes(m->centres, axis, order, count);
+    memcpy(m->list, m->nodes + begin, (size_t)(end - begin) * sizeof(int));
+    for (int a = 0, at = begin; a < count; a++) {
+        int size = next[order[a]];
+        rank[order[a]] = m->piece_count + a;
+        next[order[a]] = at;
+        at += size;
+    }
+    for (int k = 0; k < end - begin; k++) {
+        int f = m->fragment_of[m->list[k]];
+        m->nodes[next[f]++] = m->list[k];
+        m->piece_of[m->list[k]] = rank[f];
+    }
+    m->piece_count += count;
+}
+
+/* nodes[begin, end) are a connected part, or all nodes that are coupled with no other: these need no motions in common,
+ * but cost next to nothing as one piece. */
+static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
+{
+    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
+    share = alone || share < 1 ? 1 : share;
+    sbi_piece_cut(m, begin, end, share, 0);
+    if (alone) {
+        for (int k = begin; k < end; k++)
+            m->fragment_of[m->nodes[k]] = 0;
+    } else {
+        int fragments = sbi_piece_find_fragments(m, begin, end);
+        sbi_piece_join(m, end - begin, share, fragments);
+        count = sbi_piece_number(m, begin, end, fragments);
+    }
+    sbi_piece_line_up(m, begin, end, count);
+}
+
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
+                                    const sb_allocator *allocator, int *nodes, int *piece_of)
+{
+    size_t rows = (size_t)a->row_count;
+    sbi_piece_maker m;
+    memset(&m, 0, sizeof m);
+    m.a = a;
+    m.positions = positions;
+    m.nodes = nodes;
+    m.piece_of = piece_of;
+    m.fragment_of = (int *)sbi_alloc(allocator, 6 * rows + 1, sizeof(int));
+    m.centres = (sb_vec3 *)sbi_alloc(allocator, rows, sizeof(sb_vec3));
+    if (m.fragment_of && m.centres) {
+        m.list = m.fragment_of + rows;
+        m.sizes = m.list + rows;
+        m.roots = m.sizes + rows;
+        m.touching = m.roots + rows;
+        m.start = m.touching + rows;
+        memset(m.touching, 0, rows * sizeof(int));
+        memcpy(nodes, a->part_rows, rows * sizeof(int));
+        for (int c = 0; c < a->part_count; c++)
+            sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
+    }
+    sbi_free(allocator, m.fragment_of);
+    sbi_free(allocator, m.centres);
+    return m.piece_count;
+}
