@@ -1121,6 +1121,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
     state.current = 1;
+    state.compact = NULL;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
     g->space.matrix = matrix;
