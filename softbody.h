@@ -418,6 +418,16 @@
 #define sb_mesh_save_obj sb_mesh_save_obj_f32
 #define sb_mesh_save_stl sb_mesh_save_stl_f32
 #define sb_mesh_save_ply sb_mesh_save_ply_f32
+#define sb_image_load sb_image_load_f32
+#define sb_image_load_memory sb_image_load_memory_f32
+#define sb_image_is_file sb_image_is_file_f32
+#define sb_image_free sb_image_free_f32
+#define sb_image_check sb_image_check_f32
+#define sb_image_next_label sb_image_next_label_f32
+#define sb_image_label_at sb_image_label_at_f32
+#define sb_default_label_def sb_default_label_def_f32
+#define sb_image_surface sb_image_surface_f32
+#define sb_image_set_regions sb_image_set_regions_f32
 #define sb_surface_create sb_surface_create_f32
 #define sb_surface_destroy sb_surface_destroy_f32
 #define sb_surface_move sb_surface_move_f32
@@ -2909,6 +2919,138 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
 SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_MESHIO_H */
+
+/* ==== src/softbody/mesh/image.h ==== */
+/* image: label images, as segmentations come. Floor 1: calls base and the readers of meshio.
+ *
+ *     sb_image image;
+ *     if (sb_image_load(&image, "liver.mha", &options, &error) != SB_OK) ...     options.scale = 0.001: millimetres
+ *     sb_image_surface (surface of a label), sb_image_set_regions (labels of a mesh's elements): see labels.h
+ *     sb_image_free(&image);
+ *
+ * | format     | read                                                                                   |
+ * |------------|----------------------------------------------------------------------------------------|
+ * | VTK legacy | STRUCTURED_POINTS, 2.0 to 5.1, ASCII and binary, all numeric types                     |
+ * | VTI        | VTK's XML ImageData in one piece: ASCII, base64, appended, zlib-compressed              |
+ * | MetaImage  | .mha, .mhd with one data file: raw of both byte orders, ASCII, zlib-compressed          |
+ * | NRRD       | .nrrd, .nhdr with one data file: raw of both byte orders, ASCII, gzip                   |
+ *
+ * A file is untrusted input, see meshio.h. */
+#ifndef SB_IMAGE_H
+#define SB_IMAGE_H
+
+
+/* A box of voxels, each with a label; 0 is background. Fill it yourself or load it; zero-initialise. The centre of
+ * voxel (i, j, k) lies at origin + direction (i spacing.x, j spacing.y, k spacing.z). */
+typedef struct sb_image {
+    int counts[3];          /* voxels along i, j, k; each >= 1, their product at most 2147483647 */
+    sb_vec3 origin;         /* (m) centre of voxel (0, 0, 0) */
+    sb_vec3 spacing;        /* (m) > 0, between the centres of neighbours */
+    sb_mat3 direction;      /* columns: unit vectors along i, j, k, not in one plane; left-handed ones are fine */
+    int *labels;            /* [counts[2]][counts[1]][counts[0]], i fastest */
+    sb_allocator allocator; /* what labels came from; zeros: malloc */
+} sb_image;
+
+/* Reads a label image; the format is told by the content.
+ *
+ * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
+ * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()
+ * error    may be NULL; file and line (line 0 in binary parts, where the message has the byte offset)
+ *
+ * VTK files: the first array of one number per point (or cell, where no point has one) is taken. Images of two
+ * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an int.
+ * Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
+ *
+ * SB_ERROR_ARGUMENT, _FILE, _FORMAT (also: data cut off, more of it than the header says, a value that is no label),
+ * _NOT_FINITE (origin, spacing, a value), _UNSUPPORTED (names what: more dimensions, vectors, a compression, pieces),
+ * _MEMORY. */
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error);
+/* The same from data[size] in memory, borrowed during the call; files that name a data file are SB_ERROR_UNSUPPORTED.
+ * name stands for the path in errors; may be NULL. */
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error);
+/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file that
+ * cannot be read. */
+SB_API int sb_image_is_file(const char *path);
+/* Releases the labels and zeroes the struct. Safe on {0} and on NULL. */
+SB_API void sb_image_free(sb_image *image);
+
+/* Whether the fields are as described above: SB_ERROR_ARGUMENT (names the field), _NOT_FINITE. */
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error);
+/* The smallest label above `after`: 1 and *label, or 0 when there is none. O(voxels). All labels but background:
+ *     for (int label = 0; sb_image_next_label(&image, label, &label);) ...   (those below 0: start at INT_MIN) */
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label);
+/* Label of the voxel that holds the point (m); 0 outside the image. Labels of many points: sb_image_set_regions. */
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point);
+
+
+#endif /* SB_IMAGE_H */
+
+/* ==== src/softbody/geometry/labels.h ==== */
+/* labels: from a label image to what is simulated: a closed surface round labels, and regions of a mesh. Floor 2.
+ *
+ *     sb_label_def def = sb_default_label_def();
+ *     def.image = &image;                                        all labels but 0: the organ with its tumour
+ *     sb_image_surface(&def, &mesh, &report, &error);            then sb_surface_create, sb_mesh_stuff or a grid
+ *     sb_image_set_regions(&image, &tets, &error);               each element's region is its label
+ *
+ * Where the tumour's boundary matters, mesh it: the surface of its label as a second shape of sb_stuff_def. */
+#ifndef SB_LABELS_H
+#define SB_LABELS_H
+
+
+enum { SB_LABEL_MAX_SMOOTHING = 8 };
+
+/* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
+typedef struct sb_label_def {
+    const sb_image *image;  /* borrowed */
+    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    int label_count;
+    int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
+                             * steps. n: steps of up to about 2 n voxels length become slopes */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    unsigned cookie;        /* set by sb_default_label_def; a def made without it is refused */
+} sb_label_def;
+
+typedef struct sb_label_report {
+    int voxels;             /* that are inside */
+    sb_real voxel_volume;   /* m^3 of them */
+    sb_real volume;         /* m^3 that the surface encloses */
+    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+} sb_label_report;
+
+SB_API sb_label_def sb_default_label_def(void);
+
+/* The boundary of labels as a mesh of tri3, oriented outward (cavities inward), closed and manifold whatever the voxels: no
+ * edge of more or fewer than two triangles, no node where parts touch, no two triangles that cross. It passes between the
+ * centres of voxels inside and outside, all of which stay on their side, so nothing is lost and nothing joins: also what is
+ * one voxel thick. Voxels that touch along an edge or in a corner only are parts of their own. Beyond the image is outside.
+ *
+ * The inside (1) and the outside (0) are filtered along each axis of the image by (1 2 1) / 4, `smoothing` times: G. What
+ * that takes from round parts comes back in (2 + sqrt 2) G - (1 + sqrt 2) G G, and the level near 1/2 (by up to 1/8) is
+ * taken at which the surface encloses the voxels' volume. Voxels that end up on the wrong side get a value that puts the
+ * surface half-way to their neighbours. Measured: the volume is that of the voxels to 1e-4 for balls of radius 2 to 22
+ * voxels, a torus, and plates 1, 2 and 3 voxels thick; single voxels and the smallest parts lose up to 5/6 of theirs. Look
+ * at report->volume where parts are that small.
+ *
+ * mesh: overwritten, not freed. report: or NULL. Failures leave both untouched: SB_ERROR_ARGUMENT (a field, named; no voxel
+ * has the labels), _NOT_FINITE (of the image), _UNSUPPORTED (more nodes or triangles than an int counts), _MEMORY. Two
+ * triangles for each face between voxels, and more where the surface is rough. Scratch: 8 bytes for each voxel of the
+ * box round the labels. O(voxels). The same bits each time.
+ *
+ * Source: marching cubes (Lorensen, Cline 1987) with loops traced face by face instead of a table: on a face whose corners
+ * alternate, voxels inside stay apart, so that both its cubes agree. Loops of five and more nodes, and those of four that
+ * meet one face twice, are filled round a centre, which no other triangle can touch. */
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error);
+
+/* Makes the regions of a mesh's elements their labels: that of most of a sample of points (the centre, and the points
+ * half-way from there to each node). Background (0) does not count, since the skin of a mesh cuts through voxels; where all
+ * points lie in it the nearest label is taken, up to two voxels away, and 0 if there is none. mesh->regions is made with
+ * mesh->allocator where it is NULL. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MESH (of the mesh's arrays), _MEMORY: the mesh
+ * is as it was. O(elements). */
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
+
+#endif /* SB_LABELS_H */
 
 /* ==== src/softbody/geometry/surface.h ==== */
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
@@ -5855,6 +5997,16 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
                                      int *representative);
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
+
+/* ==== src/softbody/mesh/image.h, internal ==== */
+/* Position of the point with the coordinates i, j, k, and the way back. */
+typedef struct sbi_image_frame {
+    sb_mat3 axes, inverse; /* columns of axes: from a voxel to the next */
+    sb_vec3 origin;
+} sbi_image_frame;
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image);
+/* Label at the point, 0 outside. */
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point);
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
@@ -10569,9 +10721,36 @@ typedef struct sbi_diagonal_node {
     int low, high, node;
 } sbi_diagonal_node;
 
+/* A label image being read. */
+typedef struct sbi_voxels {
+    int points[3]; /* of the file along each axis; 0: not read yet */
+    int counts[3]; /* voxels */
+    double origin[3], spacing[3];
+    double direction[3][3]; /* [axis] its vector */
+    int *labels;            /* NULL: none read yet */
+} sbi_voxels;
+
+typedef enum sbi_voxel_encoding {
+    SBI_VOXELS_RAW = 0,
+    SBI_VOXELS_TEXT = 1,
+    SBI_VOXELS_ZLIB = 2,
+    SBI_VOXELS_GZIP = 3
+} sbi_voxel_encoding;
+
+/* How a header describes the voxels. */
+typedef struct sbi_voxel_data {
+    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    int size;    /* bytes of a value */
+    int big_endian;
+    sbi_voxel_encoding encoding;
+    int has_file;
+    sbi_word file; /* where the voxels are, when has_file; beside the header */
+} sbi_voxel_data;
+
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
     sbi_reader reader;
+    sbi_voxels *voxels; /* an image is wanted and this is where it goes; NULL: a mesh is */
     sb_allocator allocator;
     double scale;
     sb_vec3 *nodes;
@@ -10682,8 +10861,27 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
  * NULL, or what is wrong with the stream; "" for want of memory. */
 SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
                                 unsigned char **out, size_t *out_size, size_t *out_capacity);
+/* The same for a gzip file (RFC 1952) of one member. */
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity);
+
+/* ---- label images (image) ------------------------------------------------------------------------------ */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels);
+/* Numbers that `voxels` takes: all in a row and finite; spacing above 0. */
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values);
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3]);
+/* Voxels of an image whose values stand at its points, or in its cells; 0 when there are more than an int counts. */
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells);
+/* Takes memory for the labels, of which the caller knows that the file can hold them. */
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells);
+/* The value of a voxel: a whole number that an int holds. */
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
+
+/* Copies the options or their defaults; refuses those out of range. */
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error);
 
 /* The content of a file. */
 typedef struct sbi_file {
@@ -10725,6 +10923,9 @@ SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
 SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
 SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* These two read the header of a label image; the voxels follow in the file, or are all of the one named. */
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data);
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data);
 /* 1 when the content begins as a binary Medit file does. */
 SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
@@ -12044,9 +12245,7 @@ SB_API sb_load_options sb_default_load_options(void)
     return options;
 }
 
-/* Copies the options or their defaults; refuses those out of range. */
-static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_options *resolved,
-                                    sb_error *error)
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error)
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
@@ -12438,7 +12637,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 {
     sb_load_options resolved;
     sbi_loader loader;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || (!data && size))
@@ -12511,7 +12710,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     sb_file_format format = SB_FILE_AUTO;
     sbi_loader loader;
     sbi_file content;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || !path)
@@ -12938,6 +13137,7 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
  * of node indices; before, each cell's indices follow their count. */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* A type of values, as spelled in the file. */
@@ -12951,6 +13151,7 @@ typedef struct sbi_vtk {
     sbi_loader *loader;
     sbi_reader *reader;
     int binary, polydata;
+    int image; /* STRUCTURED_POINTS, and the loader wants an image */
     int has_points, has_cells, has_types;
     int cell_count; /* cells of the list read last, which lie in: */
     int *ends;      /* [cell_count] where the nodes of each cell end */
@@ -13358,6 +13559,30 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
+ * the file has shares of it. */
+static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
+                                     int64_t tuples, double factor)
+{
+    sbi_loader *loader = vtk->loader;
+    int usable = vtk->data_count >= 0 && type->class_ != 'b' && type->class_ != 's' && components == 1;
+    int count = 0;
+    sb_result result;
+    if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
+        return sbi_vtk_skip_values(vtk, type, components * tuples);
+    sbi_vtk_start_data(vtk);
+    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtk->in_cell_data);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtk_real(vtk, type, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, vtk->reader, i, factor > 1 ? floor(factor * value + 0.5) : value);
+    }
+    return result;
+}
+
 /* The values of an array, after its keyword line up to the type: regions are kept, others skipped. */
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
@@ -13367,6 +13592,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
+    if (vtk->image)
+        return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
     if (of_cells && sbi_word_is(name, "region") && !is_number)
@@ -13457,9 +13684,11 @@ static sb_result sbi_vtk_colours(sbi_vtk *vtk, sbi_word name, int is_table)
     static const sbi_vtk_type bytes = {"unsigned_char", 'u', 1};
     int64_t count = 0;
     sb_result result = sbi_reader_integer(vtk->reader, "the number of colours", &count);
-    name.length = 0; /* colours are no regions, whatever their name */
     if (result)
         return result;
+    if (vtk->image && !is_table && count == 1) /* how VTK writes unsigned char: labels from 0 to 255 */
+        return sbi_vtk_image_array(vtk, name, &bytes, 1, vtk->data_count, vtk->binary ? 1 : 255);
+    name.length = 0; /* colours are no regions, whatever their name */
     return sbi_vtk_array(vtk, name, &bytes, is_table ? 4 : count, is_table ? count : vtk->data_count);
 }
 
@@ -13504,7 +13733,13 @@ static sb_result sbi_vtk_attribute(sbi_vtk *vtk, sbi_word keyword, int *known)
 static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
 {
     int64_t count = 0, expected = of_cells ? vtk->loader->source_count : (int64_t)vtk->loader->node_count;
-    sb_result result = sbi_reader_integer(vtk->reader, "the number of values", &count);
+    sb_result result;
+    if (vtk->image) {
+        expected = sbi_voxels_count(vtk->loader->voxels, of_cells);
+        if (expected == 0)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data before DIMENSIONS");
+    }
+    result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
                                (long long)count, of_cells ? "cells" : "points", (long long)expected);
@@ -13513,13 +13748,52 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     return result;
 }
 
+/* ---- images ---- */
+
+static sb_result sbi_vtk_dimensions(sbi_vtk *vtk)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    int points[3] = {0, 0, 0};
+    sb_result result = SB_OK;
+    if (voxels->points[0])
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a second DIMENSIONS");
+    for (int k = 0; k < 3 && !result; k++) {
+        result = sbi_reader_count(vtk->reader, "a dimension", 0, &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a dimension is 0");
+    }
+    if (result)
+        return result;
+    memcpy(voxels->points, points, sizeof points);
+    if (sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return SB_OK;
+}
+
+/* The sections of STRUCTURED_POINTS that other data sets do not have; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_image_section(sbi_vtk *vtk, sbi_word keyword, int *known)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    sb_result result;
+    *known = 1;
+    if (sbi_word_is(keyword, "DIMENSIONS"))
+        return sbi_vtk_dimensions(vtk);
+    if (sbi_word_is(keyword, "ORIGIN"))
+        return sbi_voxels_read_reals(vtk->reader, "origin", 3, voxels->origin);
+    if (sbi_word_is(keyword, "SPACING") || sbi_word_is(keyword, "ASPECT_RATIO")) {
+        result = sbi_voxels_read_reals(vtk->reader, "spacing", 3, voxels->spacing);
+        return result ? result : sbi_voxels_check_spacing(vtk->reader, voxels->spacing);
+    }
+    *known = 0;
+    return SB_OK;
+}
+
 /* ---- file ---- */
 
-static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+/* The sections of meshes; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_mesh_section(sbi_vtk *vtk, sbi_word keyword, int *known)
 {
-    char text[32];
-    int known = 0;
-    sb_result result;
+    *known = 1;
     if (sbi_word_is(keyword, "POINTS"))
         return sbi_vtk_points(vtk);
     if (sbi_word_is(keyword, "CELLS"))
@@ -13534,6 +13808,18 @@ static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
         return sbi_vtk_poly_cells(vtk, 3, 7);
     if (sbi_word_is(keyword, "TRIANGLE_STRIPS"))
         return sbi_vtk_poly_cells(vtk, 4, 6);
+    *known = 0;
+    return SB_OK;
+}
+
+static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+{
+    char text[32];
+    int known = 0;
+    sb_result result =
+        vtk->image ? sbi_vtk_image_section(vtk, keyword, &known) : sbi_vtk_mesh_section(vtk, keyword, &known);
+    if (known)
+        return result;
     if (sbi_word_is(keyword, "CELL_DATA"))
         return sbi_vtk_data(vtk, 1);
     if (sbi_word_is(keyword, "POINT_DATA"))
@@ -13588,7 +13874,15 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
         !sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "DATASET is missing");
     vtk->polydata = sbi_word_is(word, "POLYDATA");
-    if (!vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
+    vtk->image = sbi_word_is(word, "STRUCTURED_POINTS");
+    if (vtk->image && !vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
+                               "data set STRUCTURED_POINTS is an image, not a mesh: sb_image_load reads it, "
+                               "sb_image_surface makes a surface of its labels");
+    if (!vtk->image && vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
@@ -13598,6 +13892,8 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
 {
+    if (vtk->image)
+        return SB_OK; /* that there are labels is asked of all formats */
     if (!vtk->has_points)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends without POINTS");
     if (!vtk->has_cells)
@@ -15571,7 +15867,8 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
 }
 
 /* ==== src/softbody/mesh/meshio_inflate.c ==== */
-/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
+/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
+ * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 
 #include <string.h>
@@ -15859,33 +16156,105 @@ static void sbi_inflate_blocks(sbi_inflater *z)
     }
 }
 
-SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
-                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+/* Unpacks the blocks from data[at] on; *end: where they end. *out and what goes with it may have changed although
+ * something is wrong. */
+static const char *sbi_inflate_from(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t at,
+                                    size_t limit, unsigned char **out, size_t out_size, size_t *out_capacity,
+                                    size_t *end, size_t *out_end)
 {
     sbi_inflater z;
-    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
-        return "it has no zlib header";
     memset(&z, 0, sizeof z);
     z.allocator = allocator;
     z.data = data;
     z.size = size;
-    z.at = 2;
+    z.at = at;
     z.out = *out;
-    z.out_start = z.out_size = *out_size;
+    z.out_start = z.out_size = out_size;
     z.out_capacity = *out_capacity;
     z.limit = limit;
     sbi_inflate_blocks(&z);
     *out = z.out; /* which may have moved, also when something went wrong */
     *out_capacity = z.out_capacity;
-    if (z.wrong)
-        return z.wrong;
-    z.at -= (size_t)(z.bit_count / 8);
-    if (size - z.at < 4)
+    *end = z.at - (size_t)(z.bit_count / 8);
+    *out_end = z.out_size;
+    return z.wrong;
+}
+
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0;
+    const char *wrong;
+    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
+        return "it has no zlib header";
+    wrong = sbi_inflate_from(allocator, data, size, 2, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 4)
         return "its checksum is missing";
-    if (sbi_inflate_checksum(z.out ? z.out + z.out_start : NULL, z.out_size - z.out_start) !=
-        ((uint32_t)data[z.at] << 24 | (uint32_t)data[z.at + 1] << 16 | (uint32_t)data[z.at + 2] << 8 | data[z.at + 3]))
+    if (sbi_inflate_checksum(*out ? *out + *out_size : NULL, out_end - *out_size) !=
+        ((uint32_t)data[end] << 24 | (uint32_t)data[end + 1] << 16 | (uint32_t)data[end + 2] << 8 | data[end + 3]))
         return "its checksum is wrong";
-    *out_size = z.out_size;
+    *out_size = out_end;
+    return NULL;
+}
+
+/* CRC-32 of RFC 1952, four bits at a time. */
+static uint32_t sbi_inflate_crc(const unsigned char *data, size_t size)
+{
+    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
+                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
+                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Bytes of the header of a gzip member; 0: it is none, or cut off. */
+static size_t sbi_inflate_gzip_header(const unsigned char *data, size_t size)
+{
+    enum { EXTRA = 4, NAME = 8, COMMENT = 16, CHECKSUM = 2, RESERVED = 0xE0 };
+    size_t at = 10;
+    if (size < 18 || data[0] != 0x1F || data[1] != 0x8B || data[2] != 8 || (data[3] & RESERVED))
+        return 0;
+    if (data[3] & EXTRA)
+        at += 2u + (data[10] | (size_t)data[11] << 8);
+    for (int flag = NAME; flag <= COMMENT; flag *= 2)
+        if (data[3] & flag) {
+            while (at < size && data[at])
+                at++;
+            at++;
+        }
+    if (data[3] & CHECKSUM)
+        at += 2;
+    return at < size ? at : 0;
+}
+
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0, at = sbi_inflate_gzip_header(data, size), length;
+    const char *wrong;
+    uint32_t tail[2] = {0, 0};
+    if (at == 0)
+        return "it has no gzip header";
+    wrong = sbi_inflate_from(allocator, data, size, at, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 8)
+        return "its checksum is missing";
+    for (size_t i = 0; i < 8; i++)
+        tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
+    length = out_end - *out_size;
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+        return "its checksum is wrong";
+    if (size - end > 8)
+        return "something follows its end";
+    *out_size = out_end;
     return NULL;
 }
 
@@ -16085,6 +16454,7 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
  *       <AppendedData encoding=> _ ... */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 typedef enum sbi_vtu_format { SBI_VTU_ASCII = 0, SBI_VTU_BASE64 = 1, SBI_VTU_RAW = 2 } sbi_vtu_format;
@@ -16127,6 +16497,9 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
+    int image;       /* ImageData, and the loader wants an image */
+    int extent[6];   /* of the image: first and last point along each axis */
+    int labels_in_cells; /* where the array lies that `regions` holds */
     int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
     sbi_word compressor; /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
@@ -16596,7 +16969,15 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     if (!sbi_xml_attribute(&vtu->xml, "type", &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "<VTKFile> without a type");
     vtu->polydata = sbi_word_equals(word, "PolyData");
-    if (!vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
+    vtu->image = sbi_word_equals(word, "ImageData");
+    if (vtu->image && !vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                               "ImageData is an image, not a mesh: sb_image_load reads it, sb_image_surface makes a "
+                               "surface of its labels");
+    if (!vtu->image && vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtu->image && !vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
                                "VTK XML data set %s: only UnstructuredGrid and PolyData are read",
                                sbi_word_print(word, text));
@@ -16616,6 +16997,102 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     return SB_OK;
 }
 
+/* An attribute of `count` numbers; values stay where there is none. */
+static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int count, double *values)
+{
+    sbi_reader text = vtu->loader->reader;
+    sbi_word word, more;
+    sb_result result;
+    if (!sbi_xml_attribute(&vtu->xml, name, &word))
+        return SB_OK;
+    text.data = word.text;
+    text.size = word.length;
+    text.at = 0;
+    result = sbi_voxels_read_reals(&text, name, count, values);
+    if (!result && sbi_reader_word(&text, &more))
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has more than %d numbers", name, count);
+    return result;
+}
+
+/* An attribute that tells the first and last point along each axis. */
+static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
+{
+    double numbers[6] = {0, -1, 0, -1, 0, -1};
+    sb_result result = sbi_vtu_reals_attribute(vtu, name, 6, numbers);
+    for (int i = 0; i < 6 && !result; i++) {
+        if (!(fabs(numbers[i]) < INT_MAX / 2) || floor(numbers[i]) < numbers[i])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has a number that is no index", name);
+        extent[i] = (int)numbers[i];
+        if (i % 2 == 1 && extent[i] < extent[i - 1])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s is missing or empty", name);
+    }
+    return result;
+}
+
+/* Origin and Spacing are those of the point (0, 0, 0), which the extent need not have. */
+static sb_result sbi_vtu_image_tag(sbi_vtu *vtu)
+{
+    sbi_voxels *voxels = vtu->loader->voxels;
+    double rows[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "WholeExtent", vtu->extent);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Origin", 3, voxels->origin);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Spacing", 3, voxels->spacing);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Direction", 9, rows);
+    if (!result)
+        result = sbi_voxels_check_spacing(&vtu->loader->reader, voxels->spacing);
+    for (int axis = 0; axis < 3 && !result; axis++) {
+        voxels->points[axis] = vtu->extent[2 * axis + 1] - vtu->extent[2 * axis] + 1;
+        for (int k = 0; k < 3; k++)
+            voxels->direction[axis][k] = rows[3 * k + axis];
+    }
+    for (int k = 0; k < 3 && !result; k++)
+        for (int axis = 0; axis < 3; axis++)
+            voxels->origin[k] += voxels->direction[axis][k] * voxels->spacing[axis] * vtu->extent[2 * axis];
+    if (!result && sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return result;
+}
+
+static sb_result sbi_vtu_image_piece_tag(sbi_vtu *vtu)
+{
+    int extent[6] = {0, 0, 0, 0, 0, 0};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "Extent", extent);
+    if (!result && memcmp(extent, vtu->extent, sizeof extent) != 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED,
+                               "an image in several pieces: save it as one piece");
+    return result;
+}
+
+/* At </Piece>: the array that was noted becomes the labels. */
+static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
+{
+    sbi_loader *loader = vtu->loader;
+    sbi_vtu_values values;
+    int count = sbi_voxels_count(loader->voxels, vtu->labels_in_cells);
+    sb_result result;
+    vtu->in_piece = 0;
+    if (!vtu->regions.present || loader->voxels->labels)
+        return SB_OK;
+    result = sbi_vtu_open(vtu, &vtu->regions, &values);
+    if (!result)
+        result = sbi_vtu_check_count(&values, "labels", count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtu->labels_in_cells);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtu_real(&values, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, &values.reader, i, value);
+    }
+    if (!result)
+        result = sbi_vtu_expect_end(&values, "the voxels");
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
     static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
@@ -16626,6 +17103,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
     vtu->in_piece = 1;
     vtu->section = SBI_VTU_ELSEWHERE;
     vtu->points.present = vtu->types.present = vtu->regions.present = 0;
+    if (vtu->image)
+        return sbi_vtu_image_piece_tag(vtu);
     result = sbi_vtu_integer_attribute(vtu, "NumberOfPoints", 0, &vtu->point_count);
     for (int i = 0; i < SBI_VTU_LISTS && !result; i++) {
         vtu->offsets[i].present = vtu->connectivity[i].present = 0;
@@ -16705,14 +17184,27 @@ static int sbi_vtu_is_region(sbi_vtu *vtu, const sbi_vtu_array *array)
            sbi_word_equals(array->name, loader->region_field);
 }
 
+/* The first array of one number per point becomes the labels, else the first one of the cells. */
+static void sbi_vtu_note_labels(sbi_vtu *vtu, const sbi_vtu_array *array)
+{
+    int in_cells = vtu->section == SBI_VTU_CELL_DATA, wanted = in_cells || vtu->section == SBI_VTU_POINT_DATA;
+    if (!wanted || !array->class_ || array->components != 1 ||
+        (vtu->regions.present && (in_cells || !vtu->labels_in_cells)))
+        return;
+    vtu->regions = *array;
+    vtu->labels_in_cells = in_cells;
+}
+
 static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 {
     sbi_vtu_array array, *kept;
     sb_result result = sbi_vtu_array_tag(vtu, &array);
     if (result)
         return result;
-    kept = sbi_vtu_find_array(vtu, array.name);
-    if (kept)
+    kept = vtu->image ? NULL : sbi_vtu_find_array(vtu, array.name);
+    if (vtu->image)
+        sbi_vtu_note_labels(vtu, &array);
+    else if (kept)
         *kept = array;
     else if (vtu->section == SBI_VTU_CELL_DATA && sbi_vtu_is_region(vtu, &array))
         vtu->regions = array;
@@ -16734,8 +17226,13 @@ static sb_result sbi_vtu_start(sbi_vtu *vtu)
     if (sbi_word_equals(name, "VTKFile"))
         return vtu->has_file ? sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <VTKFile>")
                              : sbi_vtu_file_tag(vtu);
-    if (sbi_word_equals(name, vtu->polydata ? "PolyData" : "UnstructuredGrid"))
+    if (sbi_word_equals(name, vtu->image ? "ImageData" : vtu->polydata ? "PolyData" : "UnstructuredGrid")) {
+        if (vtu->image && vtu->has_grid)
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <ImageData>");
         vtu->has_grid = 1;
+        if (vtu->image)
+            return sbi_vtu_image_tag(vtu);
+    }
     if (sbi_word_equals(name, "Piece"))
         return sbi_vtu_piece_tag(vtu);
     for (int i = 0; i < SBI_VTU_ELSEWHERE && vtu->in_piece; i++)
@@ -16750,7 +17247,7 @@ static sb_result sbi_vtu_stop(sbi_vtu *vtu)
 {
     sbi_word name = vtu->xml.name;
     if (sbi_word_equals(name, "Piece") && vtu->in_piece)
-        return sbi_vtu_read_piece(vtu);
+        return vtu->image ? sbi_vtu_read_image(vtu) : sbi_vtu_read_piece(vtu);
     if (!sbi_word_equals(name, "DataArray") && !sbi_word_equals(name, "InformationKey"))
         vtu->section = SBI_VTU_ELSEWHERE;
     return SB_OK;
@@ -17747,6 +18244,1482 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
                                sbi_word_print(word, text));
     return result;
+}
+
+/* ==== src/softbody/mesh/image.c ==== */
+/* image: label images, their files as a whole, and how points find their voxels. */
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+
+/* ==== voxels being read =============================================================================== */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels)
+{
+    memset(voxels, 0, sizeof *voxels);
+    for (int k = 0; k < 3; k++)
+        voxels->spacing[k] = voxels->direction[k][k] = 1;
+}
+
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values)
+{
+    double read[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    sb_result result = SB_OK;
+    for (int i = 0; i < count && !result; i++)
+        result = sbi_reader_real(reader, what, &read[i]);
+    if (!result)
+        memcpy(values, read, (size_t)count * sizeof *values);
+    return result;
+}
+
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3])
+{
+    for (int k = 0; k < 3; k++)
+        if (!(spacing[k] > 0))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "a spacing of %g: it must be above 0", spacing[k]);
+    return SB_OK;
+}
+
+/* Voxels along an axis. A direction with one point only has one layer of cells all the same. */
+static int sbi_voxels_along(int points, int in_cells) { return in_cells && points > 1 ? points - 1 : points; }
+
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells)
+{
+    int64_t count = 1;
+    for (int k = 0; k < 3; k++) {
+        count *= sbi_voxels_along(voxels->points[k], in_cells);
+        if (count > INT_MAX)
+            return 0;
+    }
+    return (int)count;
+}
+
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells)
+{
+    sbi_voxels *voxels = loader->voxels;
+    int count = sbi_voxels_count(voxels, in_cells);
+    if (count == 0)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    voxels->labels = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!voxels->labels)
+        return sbi_loader_no_memory(loader);
+    for (int axis = 0; axis < 3; axis++) {
+        int points = voxels->points[axis];
+        voxels->counts[axis] = sbi_voxels_along(points, in_cells);
+        for (int k = 0; k < 3 && voxels->counts[axis] < points; k++) /* from the first corner to the first centre */
+            voxels->origin[k] += 0.5 * voxels->spacing[axis] * voxels->direction[axis][k];
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value)
+{
+    if (value - value != 0)
+        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "voxel %d is not finite", voxel);
+    if (value < (double)INT_MIN || value > (double)INT_MAX || floor(value) < value)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                               "voxel %d is %g: labels are whole numbers that an int holds (is this a label image?)",
+                               voxel, value);
+    loader->voxels->labels[voxel] = (int)value;
+    return SB_OK;
+}
+
+/* ==== data behind a header ============================================================================ */
+
+static sb_result sbi_voxels_read_text(sbi_loader *loader, sbi_reader *reader, int count)
+{
+    sbi_word word;
+    sb_result result = sbi_reader_check_count(reader, "the number of voxels", count, 2, &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_reader_real(reader, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, reader, i, value);
+    }
+    if (!result && sbi_reader_word(reader, &word))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file has more numbers than the %d voxels need", count);
+    return result;
+}
+
+/* The voxels are all that `reader` has left. */
+static sb_result sbi_voxels_read_raw(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    size_t left = sbi_reader_left(reader), size = (size_t)data->size;
+    const unsigned char *bytes;
+    sb_result result;
+    if (left / size < (size_t)count)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%d voxels of %d bytes are announced, but %llu bytes are there",
+                               count, data->size, (unsigned long long)left);
+    if (left != (size_t)count * size)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%llu bytes follow the %d voxels",
+                               (unsigned long long)(left - (size_t)count * size), count);
+    bytes = sbi_reader_bytes(reader, (size_t)count, size, "the voxels");
+    result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++, bytes += size) {
+        double value = data->class_ == 'f'   ? sbi_decode_float(reader, bytes, data->size)
+                       : data->class_ == 'i' ? (double)sbi_decode_signed(reader, bytes, data->size)
+                                             : (double)sbi_decode_bits(reader, bytes, data->size);
+        result = sbi_voxels_set(loader, reader, i, value);
+    }
+    return result;
+}
+
+static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    const unsigned char *bytes = (const unsigned char *)reader->data + reader->at;
+    size_t size = 0, capacity = 0, limit = 0;
+    unsigned char *out = NULL;
+    const char *wrong = sbi_size_add(&limit, (size_t)count, (size_t)data->size) ? NULL : "";
+    sb_result result;
+    if (!wrong)
+        wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(
+            &loader->allocator, bytes, sbi_reader_left(reader), limit, &out, &size, &capacity);
+    if (wrong && !wrong[0])
+        result = sbi_loader_no_memory(loader);
+    else if (wrong)
+        result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "the packed voxels cannot be unpacked: %s", wrong);
+    else {
+        sbi_reader unpacked = *reader;
+        unpacked.data = out ? (const char *)out : "";
+        unpacked.size = size;
+        unpacked.at = 0;
+        result = sbi_voxels_read_raw(loader, &unpacked, data, count);
+    }
+    sbi_free(&loader->allocator, out);
+    return result;
+}
+
+/* Reads what a header described from the reader's place to its end. */
+static sb_result sbi_voxels_read_data(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data)
+{
+    int count = sbi_voxels_count(loader->voxels, 0);
+    if (count == 0)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    if (data->encoding == SBI_VOXELS_TEXT)
+        return sbi_voxels_read_text(loader, reader, count);
+    reader->binary = 1;
+    reader->big_endian = data->big_endian;
+    return data->encoding == SBI_VOXELS_RAW ? sbi_voxels_read_raw(loader, reader, data, count)
+                                            : sbi_voxels_read_packed(loader, reader, data, count);
+}
+
+/* ==== files =========================================================================================== */
+
+typedef enum sbi_image_format {
+    SBI_IMAGE_NONE = 0,
+    SBI_IMAGE_VTK = 1,
+    SBI_IMAGE_VTI = 2,
+    SBI_IMAGE_META = 3,
+    SBI_IMAGE_NRRD = 4
+} sbi_image_format;
+
+static int sbi_image_begins(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    return size >= length && memcmp(data, text, length) == 0;
+}
+
+/* By what the file begins with: whether it may be an image is for its reader to say. */
+static sbi_image_format sbi_image_detect(const char *data, size_t size)
+{
+    if (sbi_image_begins(data, size, "# vtk DataFile"))
+        return SBI_IMAGE_VTK;
+    if (sbi_image_begins(data, size, "NRRD000"))
+        return SBI_IMAGE_NRRD;
+    if (sbi_image_begins(data, size, "ObjectType") || sbi_image_begins(data, size, "NDims"))
+        return SBI_IMAGE_META;
+    while (size > 0 && (*data == ' ' || *data == '\n' || *data == '\r' || *data == '\t'))
+        data++, size--;
+    return size > 0 && *data == '<' ? SBI_IMAGE_VTI : SBI_IMAGE_NONE;
+}
+
+/* 1 when `text` stands among the first bytes. */
+static int sbi_image_has(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    for (size_t i = 0; i + length <= size; i++)
+        if (memcmp(data + i, text, length) == 0)
+            return 1;
+    return 0;
+}
+
+SB_API int sb_image_is_file(const char *path)
+{
+    char start[1024]; /* the title line of VTK's files has at most 256 characters */
+    FILE *file = path ? fopen(path, "rb") : NULL;
+    size_t size;
+    if (!file)
+        return 0;
+    size = fread(start, 1, sizeof start, file);
+    fclose(file);
+    switch (sbi_image_detect(start, size)) {
+    case SBI_IMAGE_VTK: return sbi_image_has(start, size, "STRUCTURED_POINTS");
+    case SBI_IMAGE_VTI: return sbi_image_has(start, size, "ImageData");
+    case SBI_IMAGE_META:
+    case SBI_IMAGE_NRRD: return 1;
+    case SBI_IMAGE_NONE: break;
+    }
+    return 0;
+}
+
+/* The path of a file beside another one; NULL without memory. */
+static char *sbi_image_beside(const sb_allocator *allocator, const char *path, sbi_word name)
+{
+    size_t folder = 0;
+    char *joined;
+    for (size_t i = 0; path[i]; i++)
+        if (path[i] == '/' || path[i] == '\\')
+            folder = i + 1;
+    joined = (char *)sbi_alloc(allocator, folder + name.length + 1, 1);
+    if (joined) {
+        memcpy(joined, path, folder);
+        memcpy(joined + folder, name.text, name.length);
+        joined[folder + name.length] = 0;
+    }
+    return joined;
+}
+
+/* The voxels of a header file, which is untrusted: it must not make us open whatever it likes. */
+static sb_result sbi_image_read_detached(sbi_loader *loader, const sbi_voxel_data *data, const char *path)
+{
+    sbi_file content;
+    sbi_reader reader;
+    char *name, text[32];
+    sb_result result;
+    if (!path)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                               "the voxels are in the file %s: load the header by its path",
+                               sbi_word_print(data->file, text));
+    for (size_t i = 0; i < data->file.length; i++)
+        if (strchr("/\\:", data->file.text[i])) /* also a NUL */
+            return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                                   "the data file %s is not beside the header: only those are read",
+                                   sbi_word_print(data->file, text));
+    name = sbi_image_beside(&loader->allocator, path, data->file);
+    if (!name)
+        return sbi_loader_no_memory(loader);
+    result = sbi_file_read(&loader->allocator, name, &content, loader->reader.error);
+    if (!result) {
+        sbi_reader_init(&reader, content.data, content.size, name, loader->reader.error);
+        result = sbi_voxels_read_data(loader, &reader, data);
+    }
+    sbi_free(&loader->allocator, content.data);
+    sbi_free(&loader->allocator, name);
+    return result;
+}
+
+static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_image_format format = sbi_image_detect(reader->data, reader->size);
+    sbi_voxel_data data;
+    sb_result result;
+    memset(&data, 0, sizeof data);
+    switch (format) {
+    case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
+    case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
+    case SBI_IMAGE_META: result = sbi_meta_read(loader, &data); break;
+    case SBI_IMAGE_NRRD: result = sbi_nrrd_read(loader, &data); break;
+    default:
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is %s",
+                               reader->size ? "no image of VTK's, no MetaImage and no NRRD" : "empty");
+    }
+    if (result)
+        return result;
+    return data.has_file ? sbi_image_read_detached(loader, &data, path) : sbi_voxels_read_data(loader, reader, &data);
+}
+
+/* What was read, scaled and with axes of length 1, as an image. */
+static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
+{
+    sbi_voxels *voxels = loader->voxels;
+    sb_real *origin[3], *spacing[3];
+    sb_image made;
+    sb_error error;
+    if (!voxels->labels)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+    memset(&made, 0, sizeof made);
+    origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
+    spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
+    for (int axis = 0; axis < 3; axis++) {
+        const double *d = voxels->direction[axis];
+        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        double room = (double)SB_REAL_MAX, o = voxels->origin[axis] * loader->scale;
+        double s = voxels->spacing[axis] * loader->scale * length;
+        if (!(length > 0) || !(fabs(o) <= room) || !(s <= room))
+            return sbi_reader_fail(&loader->reader, SB_ERROR_NOT_FINITE,
+                                   "axis %d: a direction of length %g, spacing %g, origin %g", axis, length, s, o);
+        made.counts[axis] = voxels->counts[axis];
+        *origin[axis] = (sb_real)o;
+        *spacing[axis] = (sb_real)s;
+        for (int k = 0; k < 3; k++)
+            made.direction.m[k][axis] = (sb_real)(d[k] / length);
+    }
+    made.labels = voxels->labels;
+    made.allocator = loader->allocator;
+    if (sb_image_check(&made, &error) != SB_OK)
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
+                               error.message);
+    voxels->labels = NULL;
+    *image = made;
+    return SB_OK;
+}
+
+/* path: NULL when the content came from memory. */
+static sb_result sbi_image_read(sb_image *image, const char *data, size_t size, const char *name, const char *path,
+                                const sb_load_options *options, sb_error *error)
+{
+    sbi_loader loader;
+    sbi_voxels voxels;
+    sb_result result;
+    sbi_voxels_init(&voxels);
+    sbi_loader_init(&loader, options, error);
+    loader.voxels = &voxels;
+    sbi_loader_set_content(&loader, data, size, name);
+    result = sbi_image_parse(&loader, path);
+    if (!result)
+        result = sbi_image_make(&loader, image);
+    sbi_free(&loader.allocator, voxels.labels);
+    sbi_loader_free(&loader);
+    return result;
+}
+
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || (!data && size))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "data" : "image");
+    return sbi_image_read(image, size ? (const char *)data : "", size, name, NULL, &resolved, error);
+}
+
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sbi_file content;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "path" : "image");
+    result = sbi_file_read(&resolved.allocator, path, &content, error);
+    if (!result)
+        result = sbi_image_read(image, content.data, content.size, path, path, &resolved, error);
+    sbi_free(&resolved.allocator, content.data);
+    return result;
+}
+
+SB_API void sb_image_free(sb_image *image)
+{
+    if (!image)
+        return;
+    sbi_free(&image->allocator, image->labels);
+    memset(image, 0, sizeof *image);
+}
+
+/* ==== images ========================================================================================== */
+
+/* How flat the axes may lie: the volume of the parallelepiped of their unit vectors. */
+#define SBI_IMAGE_LEAST_VOLUME 1e-3
+
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error)
+{
+    int64_t count = 1;
+    sb_vec3 s;
+    if (!image || !image->labels)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "labels" : "image");
+    for (int axis = 0; axis < 3; axis++) {
+        if (image->counts[axis] < 1)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts[%d] is %d", axis, image->counts[axis]);
+        count *= image->counts[axis];
+        if (count > INT_MAX)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts: more than 2147483647 voxels");
+    }
+    s = image->spacing;
+    if (!sb_v3_is_finite(image->origin) || !sb_v3_is_finite(s))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "origin or spacing is not finite");
+    if (!(s.x > 0) || !(s.y > 0) || !(s.z > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "spacing: %g %g %g must be above 0", (double)s.x, (double)s.y,
+                        (double)s.z);
+    for (int axis = 0; axis < 3; axis++) {
+        sb_vec3 d = sb_m3_column(image->direction, axis);
+        if (!sb_v3_is_finite(d))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "direction: column %d is not finite", axis);
+        if (!(fabs((double)sb_v3_dot(d, d) - 1) < 1e-3))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: column %d is not of length 1", axis);
+    }
+    if (!(fabs((double)sb_m3_det(image->direction)) >= SBI_IMAGE_LEAST_VOLUME))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: the axes lie in a plane");
+    if (!(s.x * (sb_real)image->counts[0] + s.y * (sb_real)image->counts[1] + s.z * (sb_real)image->counts[2] <=
+          SB_REAL_MAX / 4))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "spacing: the image is larger than numbers reach");
+    return SB_OK;
+}
+
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label)
+{
+    int found = 0, next = 0;
+    size_t count;
+    if (!label || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    count = (size_t)image->counts[0] * (size_t)image->counts[1] * (size_t)image->counts[2];
+    for (size_t i = 0; i < count; i++) {
+        int value = image->labels[i];
+        if (value > after && (!found || value < next)) {
+            next = value;
+            found = 1;
+        }
+    }
+    if (found)
+        *label = next;
+    return found;
+}
+
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image)
+{
+    const sb_mat3 *d = &image->direction;
+    sb_mat3 turn = sb_m3_inverse(*d);
+    sbi_image_frame frame;
+    frame.origin = image->origin;
+    frame.axes = sb_m3_columns(sb_v3_scale(image->spacing.x, sb_m3_column(*d, 0)),
+                               sb_v3_scale(image->spacing.y, sb_m3_column(*d, 1)),
+                               sb_v3_scale(image->spacing.z, sb_m3_column(*d, 2)));
+    for (int k = 0; k < 3; k++) {
+        frame.inverse.m[0][k] = turn.m[0][k] / image->spacing.x;
+        frame.inverse.m[1][k] = turn.m[1][k] / image->spacing.y;
+        frame.inverse.m[2][k] = turn.m[2][k] / image->spacing.z;
+    }
+    return frame;
+}
+
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_vec3 at = sb_m3_apply(frame->inverse, sb_v3_sub(point, frame->origin));
+    sb_real along[3];
+    size_t index[3];
+    along[0] = at.x, along[1] = at.y, along[2] = at.z;
+    for (int k = 0; k < 3; k++) {
+        sb_real cell = along[k] + (sb_real)0.5; /* voxels reach half a spacing around their centres */
+        if (!(cell >= 0) || !(cell < (sb_real)image->counts[k]))
+            return 0;
+        index[k] = (size_t)cell;
+    }
+    return image->labels[(index[2] * (size_t)image->counts[1] + index[1]) * (size_t)image->counts[0] + index[0]];
+}
+
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point)
+{
+    sbi_image_frame frame;
+    if (!sb_v3_is_finite(point) || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    frame = sbi_image_get_frame(image);
+    return sbi_image_lookup(image, &frame, point);
+}
+#undef SBI_IMAGE_LEAST_VOLUME
+
+/* ==== src/softbody/mesh/image_files.c ==== */
+/* image_files: the headers of MetaImage and NRRD. Sources: "MetaIO" (itk.org/Wiki/MetaIO/Documentation), "Definition of
+ * NRRD File Format" (teem.sourceforge.net/nrrd/format.html). */
+
+#include <limits.h>
+#include <string.h>
+
+/* A line of a header: what stands before and behind its sign. */
+typedef struct sbi_header_line {
+    sbi_word key;
+    sbi_word rest;
+    sbi_reader value; /* of `rest` only */
+} sbi_header_line;
+
+static int sbi_header_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+
+static sbi_word sbi_header_trim(const char *begin, const char *end)
+{
+    sbi_word word;
+    while (begin < end && sbi_header_blank(*begin))
+        begin++;
+    while (end > begin && sbi_header_blank(end[-1]))
+        end--;
+    word.text = begin;
+    word.length = (size_t)(end - begin);
+    return word;
+}
+
+/* The next line, cut at the first `sign`; the reader stands at the line after it. 0: the line has no such sign. */
+static int sbi_header_next(sbi_reader *reader, char sign, sbi_header_line *line)
+{
+    const char *begin = reader->data + reader->at;
+    const char *end = (const char *)memchr(begin, '\n', sbi_reader_left(reader));
+    const char *cut;
+    if (!end)
+        end = reader->data + reader->size;
+    cut = (const char *)memchr(begin, sign, (size_t)(end - begin));
+    line->key = sbi_header_trim(begin, cut ? cut : end);
+    line->rest = cut ? sbi_header_trim(cut + 1, end) : sbi_header_trim(end, end);
+    line->value = *reader;
+    line->value.data = line->rest.text;
+    line->value.size = line->rest.length;
+    line->value.at = 0;
+    reader->at = (size_t)(end - reader->data);
+    if (reader->at < reader->size) {
+        reader->at++;
+        if (reader->line < INT_MAX)
+            reader->line++;
+    }
+    return cut != NULL;
+}
+
+static sb_result sbi_header_integer(sbi_header_line *line, const char *what, int *value)
+{
+    return sbi_reader_count(&line->value, what, 0, value);
+}
+
+static sb_result sbi_header_counts(sbi_header_line *line, int dimension, int points[3])
+{
+    sb_result result = SB_OK;
+    points[2] = 1;
+    for (int k = 0; k < dimension && !result; k++) {
+        result = sbi_header_integer(line, "the number of voxels", &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "0 voxels along an axis");
+    }
+    return result;
+}
+
+static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
+{
+    sb_result result = sbi_header_integer(line, "the dimension", dimension);
+    if (!result && *dimension != 2 && *dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
+                               *dimension);
+    return result;
+}
+
+/* ---- MetaImage ---- */
+
+typedef struct sbi_meta {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_spacing, text;
+} sbi_meta;
+
+static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
+{
+    static const struct {
+        char name[16];
+        char class_;
+        int size;
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+                 {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        if (sbi_word_is(line->rest, types[i].name)) {
+            meta->data->class_ = types[i].class_;
+            meta->data->size = types[i].size;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+/* Rows are the axes. */
+static sb_result sbi_meta_direction(const sbi_meta *meta, sbi_header_line *line)
+{
+    double rows[9];
+    int n = meta->dimension;
+    sb_result result = sbi_voxels_read_reals(&line->value, "direction", n * n, rows);
+    for (int i = 0; i < n * n && !result; i++)
+        meta->voxels->direction[i / n][i % n] = rows[i];
+    return result;
+}
+
+static int sbi_meta_is(const sbi_header_line *line, const char *a, const char *b, const char *c)
+{
+    return sbi_word_is(line->key, a) || sbi_word_is(line->key, b) || sbi_word_is(line->key, c);
+}
+
+static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
+{
+    sb_result result = SB_OK;
+    if (!meta->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "NDims must come before it");
+    if (sbi_word_is(line->key, "DimSize")) {
+        meta->has_counts = 1;
+        return sbi_header_counts(line, meta->dimension, meta->voxels->points);
+    }
+    if (sbi_meta_is(line, "Offset", "Position", "Origin"))
+        return sbi_voxels_read_reals(&line->value, "origin", meta->dimension, meta->voxels->origin);
+    if (sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_direction(meta, line);
+    if (sbi_word_is(line->key, "ElementSize") && meta->has_spacing)
+        return SB_OK;
+    meta->has_spacing |= sbi_word_is(line->key, "ElementSpacing");
+    result = sbi_voxels_read_reals(&line->value, "spacing", meta->dimension, meta->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, meta->voxels->spacing);
+}
+
+static int sbi_meta_is_true(const sbi_header_line *line)
+{
+    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+}
+
+/* A line other than ElementDataFile. */
+static sb_result sbi_meta_line(sbi_meta *meta, sbi_header_line *line)
+{
+    int number = 0;
+    sb_result result;
+    if (sbi_word_is(line->key, "NDims"))
+        return sbi_header_dimension(line, &meta->dimension);
+    if (sbi_meta_is(line, "DimSize", "ElementSpacing", "ElementSize") ||
+        sbi_meta_is(line, "Offset", "Position", "Origin") ||
+        sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_geometry(meta, line);
+    if (sbi_word_is(line->key, "ElementType"))
+        return sbi_meta_type(meta, line);
+    if (sbi_word_is(line->key, "BinaryDataByteOrderMSB") || sbi_word_is(line->key, "ElementByteOrderMSB"))
+        meta->data->big_endian = sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "BinaryData"))
+        meta->text = !sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "CompressedData") && sbi_meta_is_true(line))
+        meta->data->encoding = SBI_VOXELS_ZLIB;
+    if (sbi_word_is(line->key, "ObjectType") && !sbi_word_is(line->rest, "Image"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a MetaIO object that is no image");
+    if (sbi_word_is(line->key, "HeaderSize") && !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    if (!sbi_word_is(line->key, "ElementNumberOfChannels"))
+        return SB_OK;
+    result = sbi_header_integer(line, "the number of channels", &number);
+    if (!result && number != 1)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "%d values per voxel: labels have one", number);
+    return result;
+}
+
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_meta meta;
+    sb_result result = SB_OK;
+    memset(&meta, 0, sizeof meta);
+    meta.voxels = loader->voxels;
+    meta.data = data;
+    for (;;) {
+        if (!sbi_reader_left(reader))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends without ElementDataFile");
+        if (!sbi_header_next(reader, '=', &line) && line.key.length)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \"=\"");
+        if (sbi_word_is(line.key, "ElementDataFile"))
+            break;
+        result = line.key.length ? sbi_meta_line(&meta, &line) : SB_OK;
+        if (result)
+            return result;
+    }
+    if (!meta.has_counts || !data->class_)
+        return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "the header has no %s",
+                               meta.has_counts ? "ElementType" : "DimSize");
+    if (meta.text)
+        data->encoding = SBI_VOXELS_TEXT;
+    data->has_file = !sbi_word_is(line.rest, "LOCAL");
+    data->file = line.rest;
+    if (sbi_word_is(line.rest, "LIST") || memchr(line.rest.text, '%', line.rest.length))
+        return sbi_reader_fail(&line.value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    return SB_OK;
+}
+
+/* ---- NRRD ---- */
+
+typedef struct sbi_nrrd {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_encoding, has_endian;
+} sbi_nrrd;
+
+static sb_result sbi_nrrd_type(const sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char names[5][24];
+        char class_;
+        int size;
+    } types[] = {{{"signed char", "int8", "int8_t", "", ""}, 'i', 1},
+                 {{"uchar", "unsigned char", "uint8", "uint8_t", ""}, 'u', 1},
+                 {{"short", "short int", "signed short", "int16", "int16_t"}, 'i', 2},
+                 {{"ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"}, 'u', 2},
+                 {{"int", "signed int", "int32", "int32_t", ""}, 'i', 4},
+                 {{"uint", "unsigned int", "uint32", "uint32_t", ""}, 'u', 4},
+                 {{"longlong", "long long", "long long int", "int64", "int64_t"}, 'i', 8},
+                 {{"ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"}, 'u', 8},
+                 {{"float", "", "", "", ""}, 'f', 4},
+                 {{"double", "", "", "", ""}, 'f', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        for (int k = 0; k < 5 && types[i].names[k][0]; k++)
+            if (sbi_word_is(line->rest, types[i].names[k])) {
+                nrrd->data->class_ = types[i].class_;
+                nrrd->data->size = types[i].size;
+                return SB_OK;
+            }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char name[8];
+        sbi_voxel_encoding encoding;
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    char text[32];
+    nrrd->has_encoding = 1;
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (sbi_word_is(line->rest, known[i].name)) {
+            nrrd->data->encoding = known[i].encoding;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "encoding %s: raw, text and gzip are read",
+                           sbi_word_print(line->rest, text));
+}
+
+/* "(x,y,z)", blanks allowed: one vector. */
+static sb_result sbi_nrrd_vector(sbi_reader *value, double v[3])
+{
+    int at = 0;
+    while (value->at < value->size && sbi_header_blank(value->data[value->at]))
+        value->at++;
+    if (value->at >= value->size || value->data[value->at] != '(')
+        return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector like (1,0,0) is missing");
+    value->at++;
+    for (;;) {
+        size_t end = value->at;
+        sbi_word word;
+        int parsed;
+        while (end < value->size && value->data[end] != ',' && value->data[end] != ')')
+            end++;
+        word = sbi_header_trim(value->data + value->at, value->data + end);
+        if (end >= value->size || at == 3)
+            return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector that has not three numbers");
+        parsed = sbi_parse_real(word.text, word.length, &v[at++]);
+        if (parsed <= 0)
+            return sbi_reader_fail(value, parsed ? SB_ERROR_NOT_FINITE : SB_ERROR_FORMAT, "a vector with what is %s",
+                                   parsed ? "not finite" : "no number");
+        value->at = end + 1;
+        if (value->data[end] == ')')
+            break;
+    }
+    return at == 3 ? SB_OK
+                   : sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector of %d numbers: label images need 3", at);
+}
+
+static sb_result sbi_nrrd_directions(const sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    double v[3][3];
+    sb_result result = SB_OK;
+    if (nrrd->dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "space directions of an image that has not three axes");
+    for (int axis = 0; axis < 3 && !result; axis++)
+        result = sbi_nrrd_vector(&line->value, v[axis]);
+    for (int axis = 0; axis < 3 && !result; axis++) { /* their lengths are the spacing */
+        nrrd->voxels->spacing[axis] = 1;
+        memcpy(nrrd->voxels->direction[axis], v[axis], sizeof v[axis]);
+    }
+    return result;
+}
+
+static sb_result sbi_nrrd_geometry(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    sb_result result;
+    if (sbi_word_is(line->key, "space origin"))
+        return sbi_nrrd_vector(&line->value, nrrd->voxels->origin);
+    if (!nrrd->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "the dimension must come before it");
+    if (sbi_word_is(line->key, "space directions"))
+        return sbi_nrrd_directions(nrrd, line);
+    if (sbi_word_is(line->key, "sizes")) {
+        nrrd->has_counts = 1;
+        return sbi_header_counts(line, nrrd->dimension, nrrd->voxels->points);
+    }
+    result = sbi_voxels_read_reals(&line->value, "spacing", nrrd->dimension, nrrd->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, nrrd->voxels->spacing);
+}
+
+static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    static const char geometry[4][20] = {"space origin", "space directions", "sizes", "spacings"};
+    if (sbi_word_is(line->key, "dimension"))
+        return sbi_header_dimension(line, &nrrd->dimension);
+    for (int i = 0; i < 4; i++)
+        if (sbi_word_is(line->key, geometry[i]))
+            return sbi_nrrd_geometry(nrrd, line);
+    if (sbi_word_is(line->key, "type"))
+        return sbi_nrrd_type(nrrd, line);
+    if (sbi_word_is(line->key, "encoding"))
+        return sbi_nrrd_encoding(nrrd, line);
+    if (sbi_word_is(line->key, "endian")) {
+        nrrd->has_endian = 1;
+        nrrd->data->big_endian = sbi_word_is(line->rest, "big");
+        if (!nrrd->data->big_endian && !sbi_word_is(line->rest, "little"))
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "endian is neither big nor little");
+    }
+    if (sbi_word_is(line->key, "data file") || sbi_word_is(line->key, "datafile")) {
+        nrrd->data->has_file = 1;
+        nrrd->data->file = line->rest;
+        if (sbi_word_is(line->rest, "LIST") || memchr(line->rest.text, '%', line->rest.length))
+            return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    }
+    if ((sbi_word_is(line->key, "byte skip") || sbi_word_is(line->key, "line skip") ||
+         sbi_word_is(line->key, "byteskip") || sbi_word_is(line->key, "lineskip")) &&
+        !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    return SB_OK; /* names of axes, units and the like */
+}
+
+static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
+{
+    const char *missing = !nrrd->has_counts       ? "sizes"
+                          : !nrrd->data->class_   ? "type"
+                          : !nrrd->has_encoding   ? "encoding"
+                                                  : NULL;
+    if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
+        missing = "endian";
+    return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;
+}
+
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_nrrd nrrd;
+    sb_result result = SB_OK;
+    memset(&nrrd, 0, sizeof nrrd);
+    nrrd.voxels = loader->voxels;
+    nrrd.data = data;
+    sbi_reader_next_line(reader); /* NRRD0004 */
+    while (sbi_reader_left(reader) && !result) {
+        int has_sign = sbi_header_next(reader, ':', &line);
+        if (!line.key.length && !has_sign)
+            return sbi_nrrd_finish(&nrrd, reader); /* the voxels begin behind the blank line */
+        if (line.key.length && line.key.text[0] == '#')
+            continue;
+        if (!has_sign)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \":\"");
+        if (line.rest.length == 0 || line.rest.text[0] != '=') /* "key:=value" is a remark */
+            result = sbi_nrrd_line(&nrrd, &line);
+    }
+    if (!result && !data->has_file)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in its header");
+    return result ? result : sbi_nrrd_finish(&nrrd, reader);
+}
+
+/* ==== src/softbody/geometry/labels.c ==== */
+/* labels: the surface round labels of an image, and the labels of a mesh's elements. */
+
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+enum { SBI_LABEL_COOKIE = 0x6c61626c };
+
+SB_API sb_label_def sb_default_label_def(void)
+{
+    sb_label_def def;
+    memset(&def, 0, sizeof def);
+    def.smoothing = 2;
+    def.cookie = SBI_LABEL_COOKIE;
+    return def;
+}
+
+/* ==== the field =======================================================================================
+ * A box of values round the labels, with a rim so wide that the filter ends inside it: above 0 inside. */
+
+typedef struct sbi_field_box {
+    const sb_label_def *def;
+    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3];  /* of values along each axis */
+    size_t strides[3];
+    float *filtered; /* [counts[2]][counts[1]][counts[0]] */
+    float *values;   /* of the same size: what is marched, each on its side */
+    int voxels;      /* inside */
+    int held;
+} sbi_field_box;
+
+static int sbi_label_is_chosen(const sb_label_def *def, int label)
+{
+    if (def->label_count == 0)
+        return label != 0;
+    for (int i = 0; i < def->label_count; i++)
+        if (def->labels[i] == label)
+            return 1;
+    return 0;
+}
+
+/* 1 when the voxel that value (i, j, k) belongs to is inside. */
+static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
+{
+    const sb_image *image = box->def->image;
+    int at[3];
+    at[0] = box->low[0] + i, at[1] = box->low[1] + j, at[2] = box->low[2] + k;
+    for (int axis = 0; axis < 3; axis++)
+        if (at[axis] < 0 || at[axis] >= image->counts[axis])
+            return 0;
+    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
+                                                           (size_t)image->counts[0] +
+                                                       (size_t)at[0]]);
+}
+
+/* The box of the chosen voxels and how many there are. */
+static sb_result sbi_field_measure(sbi_field_box *box, sb_error *error)
+{
+    const sb_image *image = box->def->image;
+    const int *label = image->labels;
+    int low[3] = {INT_MAX, INT_MAX, INT_MAX}, high[3] = {-1, -1, -1}, rim = box->def->smoothing + 1;
+    size_t stride = 1;
+    for (int k = 0; k < image->counts[2]; k++)
+        for (int j = 0; j < image->counts[1]; j++)
+            for (int i = 0; i < image->counts[0]; i++, label++) {
+                int at[3];
+                if (!sbi_label_is_chosen(box->def, *label))
+                    continue;
+                box->voxels++;
+                at[0] = i, at[1] = j, at[2] = k;
+                for (int axis = 0; axis < 3; axis++) {
+                    low[axis] = sbi_min_int(low[axis], at[axis]);
+                    high[axis] = sbi_max_int(high[axis], at[axis]);
+                }
+            }
+    if (box->voxels == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: no voxel of the image has %s",
+                        box->def->label_count ? "one of them" : "a label other than 0");
+    for (int axis = 0; axis < 3; axis++) {
+        size_t next = 0;
+        box->low[axis] = low[axis] - rim;
+        if (high[axis] - low[axis] > INT_MAX - 2 * rim - 1)
+            return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the labels reach over too many voxels");
+        box->counts[axis] = high[axis] - low[axis] + 1 + 2 * rim;
+        box->strides[axis] = stride;
+        if (!sbi_size_add(&next, stride, (size_t)box->counts[axis]))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+        stride = next;
+    }
+    return SB_OK;
+}
+
+static size_t sbi_field_size(const sbi_field_box *box) { return box->strides[2] * (size_t)box->counts[2]; }
+
+/* (1 2 1) / 4 along an axis, in place; beyond the box is 0. */
+static void sbi_field_filter_axis(const sbi_field_box *box, float *values, int axis)
+{
+    int a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, count = box->counts[axis];
+    size_t step = box->strides[axis];
+    for (int k = 0; k < box->counts[b]; k++)
+        for (int j = 0; j < box->counts[a]; j++) {
+            float *line = values + (size_t)k * box->strides[b] + (size_t)j * box->strides[a];
+            float before = 0;
+            for (int i = 0; i < count; i++, line += step) {
+                float own = *line, after = i + 1 < count ? line[step] : 0.0f;
+                *line = 0.25f * (before + after) + 0.5f * own;
+                before = own;
+            }
+        }
+}
+
+static void sbi_field_filter(const sbi_field_box *box, float *values)
+{
+    for (int n = 0; n < box->def->smoothing; n++)
+        for (int axis = 0; axis < 3; axis++)
+            sbi_field_filter_axis(box, values, axis);
+}
+
+/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
+static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
+{
+    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    float sum = 0;
+    int count = 0;
+    for (int axis = 0; axis < 3; axis++)
+        for (int side = -1; side <= 1; side += 2) {
+            int next[3];
+            memcpy(next, at, sizeof next);
+            next[axis] += side;
+            if (next[axis] < 0 || next[axis] >= box->counts[axis] ||
+                sbi_field_inside(box, next[0], next[1], next[2]) == inside)
+                continue;
+            sum += fabsf((side < 0 ? *(value - box->strides[axis]) : value[box->strides[axis]]) - level);
+            count++;
+        }
+    return count ? sum / (float)count : own;
+}
+
+/* Fills in the values, 0 where what was filtered has the level; puts every voxel on its side, and not quite on the
+ * surface: a triangle needs some size. */
+static void sbi_field_hold(sbi_field_box *box, float level)
+{
+    const float least = 0.01f;
+    size_t n = 0;
+    int at[3];
+    box->held = 0;
+    for (at[2] = 0; at[2] < box->counts[2]; at[2]++)
+        for (at[1] = 0; at[1] < box->counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < box->counts[0]; at[0]++, n++) {
+                float value = box->filtered[n] - level, size = fabsf(value);
+                int inside = sbi_field_inside(box, at[0], at[1], at[2]);
+                if (inside != (value > 0)) {
+                    size = sbi_field_opposite(box, at, inside, level, size);
+                    box->held++;
+                }
+                size = size > least ? size : least;
+                box->values[n] = inside ? size : -size;
+            }
+}
+
+/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the filter's
+ * width, which GG has sqrt(2) times: with these weights the two cancel. */
+static void sbi_field_make(sbi_field_box *box)
+{
+    const float once = 3.41421356f, twice = 2.41421356f; /* 2 + sqrt(2), 1 + sqrt(2) */
+    size_t n = 0, size = sbi_field_size(box);
+    for (int k = 0; k < box->counts[2]; k++)
+        for (int j = 0; j < box->counts[1]; j++)
+            for (int i = 0; i < box->counts[0]; i++)
+                box->filtered[n++] = (float)sbi_field_inside(box, i, j, k);
+    sbi_field_filter(box, box->filtered);
+    memcpy(box->values, box->filtered, size * sizeof *box->values);
+    sbi_field_filter(box, box->values);
+    for (n = 0; n < size; n++)
+        box->filtered[n] = once * box->filtered[n] - twice * box->values[n] - 0.5f;
+}
+
+/* ==== marching cubes ==================================================================================
+ * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other two
+ * axes, the next one first (x: y z, y: z x, z: x y). */
+
+enum { SBI_CUBE_EDGES = 12, SBI_CUBE_FACES = 6 };
+
+/* The corners of each face, round it as seen from outside the cube, and the edges between them. */
+typedef struct sbi_cube_face {
+    unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
+} sbi_cube_face;
+
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
+    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+
+/* Lower corner and axis of an edge. */
+static int sbi_cube_edge_axis(int edge) { return edge / 4; }
+static int sbi_cube_edge_corner(int edge)
+{
+    int axis = edge / 4, first = (axis + 1) % 3, second = (axis + 2) % 3;
+    return (edge & 1) << first | (edge >> 1 & 1) << second;
+}
+
+typedef struct sbi_march {
+    sbi_field_box *box;
+    sbi_image_frame frame;
+    int mirrored;       /* the axes are left-handed: triangles turn round */
+    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;     /* NULL while they are counted */
+    int *triangles;
+    int64_t node_count, triangle_count;
+} sbi_march;
+
+/* The value's place in space, moved by a share along an axis. */
+static sb_vec3 sbi_march_point(const sbi_march *march, const int at[3], int axis, sb_real share)
+{
+    sb_real x[3];
+    for (int k = 0; k < 3; k++)
+        x[k] = (sb_real)(march->box->low[k] + at[k]) + (k == axis ? share : 0);
+    return sb_v3_add(march->frame.origin, sb_m3_apply(march->frame.axes, sb_v3(x[0], x[1], x[2])));
+}
+
+static void sbi_march_node(sbi_march *march, sb_vec3 point)
+{
+    if (march->nodes)
+        march->nodes[march->node_count] = point;
+    march->node_count++;
+}
+
+/* Nodes on the edges from value (i, j, k) on: where the value is 0, but not at an end. */
+static void sbi_march_edges(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const sb_real rim = (sb_real)0.02; /* what is nearer to an end makes triangles too small to be of use */
+    size_t place = (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    size_t row = (size_t)at[0] + (size_t)at[1] * box->strides[1];
+    float own = box->values[place];
+    for (int axis = 0; axis < 3; axis++) {
+        int *node = &march->rows[axis][at[2] & 1][row];
+        float other;
+        sb_real share;
+        *node = -1;
+        if (at[axis] + 1 >= box->counts[axis])
+            continue;
+        other = box->values[place + box->strides[axis]];
+        if ((own > 0) == (other > 0))
+            continue;
+        share = (sb_real)own / ((sb_real)own - (sb_real)other);
+        share = share < rim ? rim : share > 1 - rim ? 1 - rim : share;
+        *node = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+        sbi_march_node(march, sbi_march_point(march, at, axis, share));
+    }
+}
+
+static void sbi_march_triangle(sbi_march *march, int a, int b, int c)
+{
+    if (march->triangles) {
+        int *triangle = march->triangles + 3 * march->triangle_count;
+        triangle[0] = a;
+        triangle[1] = march->mirrored ? b : c;
+        triangle[2] = march->mirrored ? c : b;
+    }
+    march->triangle_count++;
+}
+
+/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose corners
+ * alternate each corner inside is cut off by itself. */
+static void sbi_cube_link(int inside, signed char next[SBI_CUBE_EDGES])
+{
+    memset(next, -1, SBI_CUBE_EDGES);
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        const sbi_cube_face *face = &sbi_cube_faces[f];
+        for (int i = 0; i < 4; i++) {
+            int end = i;
+            /* from the edge where the way round the face leaves the inside, back to where it entered */
+            if (!(inside >> face->corners[i] & 1) || (inside >> face->corners[(i + 1) % 4] & 1))
+                continue;
+            while (inside >> face->corners[(end + 3) % 4] & 1)
+                end = (end + 3) % 4;
+            next[face->edges[i]] = (signed char)face->edges[(end + 3) % 4];
+        }
+    }
+}
+
+/* 1 when two edges of the cube lie on one face. */
+static int sbi_cube_share_face(int a, int b)
+{
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        int found = 0;
+        for (int i = 0; i < 4; i++)
+            found += sbi_cube_faces[f].edges[i] == a || sbi_cube_faces[f].edges[i] == b;
+        if (found == 2)
+            return 1;
+    }
+    return 0;
+}
+
+/* Node on an edge of the cube at (i, j, k). */
+static int sbi_march_edge_node(const sbi_march *march, const int at[3], int edge)
+{
+    int corner = sbi_cube_edge_corner(edge);
+    size_t row = (size_t)(at[0] + (corner & 1)) + (size_t)(at[1] + (corner >> 1 & 1)) * march->box->strides[1];
+    return march->rows[sbi_cube_edge_axis(edge)][(at[2] + (corner >> 2)) & 1][row];
+}
+
+/* Fills a loop with triangles. */
+static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, int count)
+{
+    int centre = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+    sb_vec3 middle = sb_v3(0, 0, 0);
+    if (count == 3) {
+        sbi_march_triangle(march, loop[0], loop[1], loop[2]);
+        return;
+    }
+    for (int start = 0; count == 4 && start < 2; start++)
+        if (!sbi_cube_share_face(edges[start], edges[start + 2])) {
+            sbi_march_triangle(march, loop[start], loop[start + 1], loop[start + 2]);
+            sbi_march_triangle(march, loop[start + 2], loop[(start + 3) % 4], loop[start]);
+            return;
+        }
+    for (int i = 0; i < count; i++) {
+        if (march->nodes)
+            middle = sb_v3_add(middle, march->nodes[loop[i]]);
+        sbi_march_triangle(march, loop[i], loop[(i + 1) % count], centre);
+    }
+    sbi_march_node(march, sb_v3_scale((sb_real)1 / (sb_real)count, middle));
+}
+
+static void sbi_march_cube(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    signed char next[SBI_CUBE_EDGES];
+    int inside = 0;
+    for (int c = 0; c < 8; c++)
+        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+                  << c;
+    if (inside == 0 || inside == 255)
+        return;
+    sbi_cube_link(inside, next);
+    for (int first = 0; first < SBI_CUBE_EDGES; first++) {
+        int edges[SBI_CUBE_EDGES], loop[SBI_CUBE_EDGES], count = 0;
+        for (int edge = first; next[edge] >= 0;) {
+            int follows = next[edge];
+            next[edge] = -1;
+            edges[count] = edge;
+            loop[count++] = sbi_march_edge_node(march, at, edge);
+            edge = follows;
+        }
+        if (count)
+            sbi_march_loop(march, edges, loop, count);
+    }
+}
+
+/* One pass: counts nodes and triangles, or writes them. */
+static void sbi_march_run(sbi_march *march)
+{
+    const int *counts = march->box->counts;
+    int at[3];
+    march->node_count = march->triangle_count = 0;
+    for (int layer = 0; layer < counts[2]; layer++) {
+        at[2] = layer;
+        for (at[1] = 0; at[1] < counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < counts[0]; at[0]++)
+                sbi_march_edges(march, at);
+        at[2] = layer - 1;
+        for (at[1] = 0; at[1] + 1 < counts[1] && layer > 0; at[1]++)
+            for (at[0] = 0; at[0] + 1 < counts[0]; at[0]++)
+                sbi_march_cube(march, at);
+    }
+}
+
+/* ==== the surface ===================================================================================== */
+
+static sb_result sbi_label_check(const sb_label_def *def, sb_error *error)
+{
+    if (def->cookie != SBI_LABEL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from sb_default_label_def()");
+    if (def->label_count < 0 || (def->label_count > 0 && !def->labels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: %d of them, at %s", def->label_count,
+                        def->labels ? "an array" : "NULL");
+    if (def->smoothing < 0 || def->smoothing > SB_LABEL_MAX_SMOOTHING)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "smoothing is %d: it must be in [0, %d]", def->smoothing,
+                        SB_LABEL_MAX_SMOOTHING);
+    return sb_image_check(def->image, error);
+}
+
+/* m^3 that the triangles enclose, measured from their first node: far from 0 digits would be lost. */
+static sb_real sbi_label_volume(const sb_mesh *mesh)
+{
+    double sum = 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *c = mesh->elements + 3 * (size_t)e;
+        sb_vec3 a = sb_v3_sub(mesh->nodes[c[0]], mesh->nodes[0]), b = sb_v3_sub(mesh->nodes[c[1]], mesh->nodes[0]);
+        sum += (double)sb_v3_dot(a, sb_v3_cross(b, sb_v3_sub(mesh->nodes[c[2]], mesh->nodes[0])));
+    }
+    return (sb_real)(sum / 6);
+}
+
+static sb_real sbi_label_voxel_volume(const sb_image *image, int voxels)
+{
+    sb_vec3 s = image->spacing;
+    return (sb_real)voxels * s.x * s.y * s.z * (sb_real)fabs((double)sb_m3_det(image->direction));
+}
+
+static sb_result sbi_label_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+}
+
+/* Counts what is marched and takes memory for it. */
+static sb_result sbi_label_reserve(sbi_march *march, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+{
+    sbi_march_run(march);
+    if (march->node_count > INT_MAX || march->triangle_count > INT_MAX / 3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the surface has %lld nodes and %lld triangles: too many",
+                        (long long)march->node_count, (long long)march->triangle_count);
+    memset(mesh, 0, sizeof *mesh);
+    mesh->allocator = *allocator;
+    mesh->element_type = SB_TRI3;
+    mesh->node_count = (int)march->node_count;
+    mesh->element_count = (int)march->triangle_count;
+    mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(sb_vec3));
+    mesh->elements = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, 3 * sizeof(int));
+    if (!mesh->nodes || !mesh->elements) {
+        sb_mesh_free(mesh);
+        return sbi_label_no_memory(error);
+    }
+    march->nodes = mesh->nodes;
+    march->triangles = mesh->elements;
+    return SB_OK;
+}
+
+/* m^3 inside the surface of the level, which is written to the mesh. Which nodes and triangles there are depends on the
+ * labels only. */
+static sb_real sbi_label_set_level(sbi_march *march, float level, const sb_mesh *mesh)
+{
+    sbi_field_hold(march->box, level);
+    sbi_march_run(march);
+    return sbi_label_volume(mesh);
+}
+
+/* Finds the level at which the volume is that of the voxels, by false position (Illinois). Where none within the bounds
+ * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's sake. */
+static void sbi_label_fit_volume(sbi_march *march, sb_real wanted, const sb_mesh *mesh)
+{
+    const float bound = 0.125f;
+    const sb_real close = (sb_real)1e-4 * wanted;
+    float a = 0, b, level = 0;
+    sb_real error_a = sbi_label_set_level(march, a, mesh) - wanted, error_b, found = error_a;
+    if ((sb_real)fabs((double)error_a) <= close)
+        return;
+    b = error_a < 0 ? -bound : bound;
+    error_b = sbi_label_set_level(march, b, mesh) - wanted;
+    if ((error_a < 0) == (error_b < 0)) {
+        if (fabs((double)error_b) > fabs((double)error_a))
+            sbi_label_set_level(march, a, mesh);
+        return;
+    }
+    for (int i = 0; i < 8 && (sb_real)fabs((double)found) > close; i++) {
+        level = (float)(((sb_real)a * error_b - (sb_real)b * error_a) / (error_b - error_a));
+        found = sbi_label_set_level(march, level, mesh) - wanted;
+        if ((found < 0) == (error_b < 0)) {
+            b = level;
+            error_b = found;
+            error_a /= 2;
+        } else {
+            a = b;
+            error_a = error_b;
+            b = level;
+            error_b = found;
+        }
+    }
+}
+
+/* The mesh from the box, for which there is memory but for the two layers of edges. */
+static sb_result sbi_label_surface(sbi_field_box *box, sb_real volume, sb_mesh *mesh, sb_error *error)
+{
+    const sb_allocator *allocator = &box->def->allocator;
+    size_t layer = box->strides[2];
+    sbi_march march;
+    int *rows;
+    sb_result result;
+    memset(&march, 0, sizeof march);
+    march.box = box;
+    march.frame = sbi_image_get_frame(box->def->image);
+    march.mirrored = sb_m3_det(box->def->image->direction) < 0;
+    rows = (int *)sbi_alloc(allocator, layer, 6 * sizeof *rows);
+    if (!rows)
+        return sbi_label_no_memory(error);
+    for (size_t i = 0; i < 6; i++)
+        march.rows[i / 2][i % 2] = rows + i * layer;
+    sbi_field_make(box);
+    sbi_field_hold(box, 0);
+    result = sbi_label_reserve(&march, allocator, mesh, error);
+    if (!result)
+        sbi_label_fit_volume(&march, volume, mesh);
+    sbi_free(allocator, rows);
+    return result;
+}
+
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error)
+{
+    sbi_field_box box;
+    sb_mesh made;
+    sb_real volume;
+    sb_result result;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    result = sbi_label_check(def, error);
+    memset(&box, 0, sizeof box);
+    box.def = def;
+    if (!result)
+        result = sbi_field_measure(&box, error);
+    if (result)
+        return result;
+    volume = sbi_label_voxel_volume(def->image, box.voxels);
+    box.filtered = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.filtered);
+    box.values = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.values);
+    result = box.filtered && box.values ? sbi_label_surface(&box, volume, &made, error) : sbi_label_no_memory(error);
+    sbi_free(&def->allocator, box.filtered);
+    sbi_free(&def->allocator, box.values);
+    if (result)
+        return result;
+    if (report) {
+        report->voxels = box.voxels;
+        report->voxel_volume = volume;
+        report->volume = sbi_label_volume(&made);
+        report->held_voxels = box.held;
+    }
+    *mesh = made;
+    return SB_OK;
+}
+
+/* ==== regions ========================================================================================= */
+
+/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none has. */
+static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_real nearest = SB_REAL_MAX;
+    int found = 0;
+    for (int n = 0; n < 125; n++) {
+        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
+        sb_real distance = sb_v3_norm(step);
+        if (label != 0 && distance < nearest) {
+            found = label;
+            nearest = distance;
+        }
+    }
+    return found;
+}
+
+/* Label of an element: of most points of the sample; the first of those that are met equally often. */
+static int sbi_label_of_element(const sb_image *image, const sbi_image_frame *frame, const sb_mesh *mesh, int element)
+{
+    enum { MAX_SAMPLE = 64 };
+    int width = sb_mesh_element_width(mesh), found[MAX_SAMPLE], count = 0, best = 0, best_votes = 0;
+    const int *nodes = mesh->elements + (size_t)element * (size_t)width;
+    sb_vec3 centre = sb_v3(0, 0, 0);
+    for (int i = 0; i < width; i++)
+        centre = sb_v3_add(centre, sb_v3_scale((sb_real)1 / (sb_real)width, mesh->nodes[nodes[i]]));
+    for (int i = -1; i < width && count < MAX_SAMPLE; i++) {
+        sb_vec3 to = i < 0 ? centre : mesh->nodes[nodes[i]];
+        int label = sbi_image_lookup(image, frame, sb_v3_scale((sb_real)0.5, sb_v3_add(centre, to)));
+        if (label != 0)
+            found[count++] = label;
+    }
+    for (int i = 0; i < count; i++) {
+        int votes = 0;
+        for (int k = 0; k < count; k++)
+            votes += found[k] == found[i];
+        if (votes > best_votes) {
+            best = found[i];
+            best_votes = votes;
+        }
+    }
+    return count ? best : sbi_label_near(image, frame, centre);
+}
+
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error)
+{
+    sbi_image_frame frame;
+    sb_result result;
+    if (!image || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "mesh" : "image");
+    result = sb_image_check(image, error);
+    if (!result)
+        result = sbi_mesh_check_arrays(mesh, error);
+    if (result)
+        return result;
+    if (!mesh->regions) {
+        mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
+        if (!mesh->regions)
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+    }
+    frame = sbi_image_get_frame(image);
+    for (int e = 0; e < mesh->element_count; e++)
+        mesh->regions[e] = sbi_label_of_element(image, &frame, mesh, e);
+    return SB_OK;
 }
 
 /* ==== src/softbody/geometry/surface_tree.h ==== */
