@@ -571,7 +571,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -582,7 +582,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;
@@ -945,12 +945,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
@@ -1248,7 +1248,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
