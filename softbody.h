@@ -4277,7 +4277,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
 /* Bits of a node's constraint mask: which of its displacement components are prescribed. */
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
-/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
+/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_end[i])
  * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
  * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
@@ -4285,8 +4285,10 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
     int row_count; /* nodes */
-    int block_count;
-    int *row_start;       /* [row_count + 1] */
+    int block_count;      /* extent of the arrays of blocks */
+    int *row_start;       /* [row_count + 1] first block of each row */
+    int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
+                           * row_start[i + 1], unless the matrix follows a mesh that changes */
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
@@ -25642,6 +25644,7 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->columns = ints;
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
+    matrix->row_end = matrix->row_start + 1;
     matrix->diagonal = matrix->row_start + rows + 1;
     matrix->part_rows = matrix->diagonal + rows;
     matrix->part_start = matrix->part_rows + rows;
@@ -25657,7 +25660,7 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
 {
     memcpy(next, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     for (int i = 0; i < matrix->row_count; i++)
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
             int j = matrix->columns[q];
             matrix->transpose[q] = next[j]++;
             if (j == i)
@@ -25672,7 +25675,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
     part_of[i] = part;
     queue[0] = i;
     for (int head = 0; head < count; head++)
-        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_end[queue[head]]; q++) {
             int j = matrix->columns[q];
             if (part_of[j] >= 0)
                 continue;
@@ -25689,7 +25692,7 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         part_of[i] = -1;
     matrix->part_count = 0;
     for (int i = 0; i < rows; i++) {
-        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        int is_alone = matrix->row_end[i] - matrix->row_start[i] == 1;
         if (part_of[i] >= 0)
             continue;
         if (is_alone && alone >= 0) {
@@ -25788,7 +25791,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
-    high = matrix->row_start[i + 1];
+    high = matrix->row_end[i];
     while (low < high) {
         int middle = low + (high - low) / 2;
         if (matrix->columns[middle] < j)
@@ -25796,7 +25799,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
         else
             high = middle;
     }
-    return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
+    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */
@@ -25816,7 +25819,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
                                               int guard)
 {
     const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_start[i + 1];
+              *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -25844,7 +25847,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++, block += 9) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -25860,9 +25863,9 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last)
 {
-    const int *columns = matrix->columns, *row_start = matrix->row_start;
+    const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
-        if (columns[row_start[i + 1] - 1] != matrix->row_count - 1)
+        if (columns[row_end[i] - 1] != matrix->row_count - 1)
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
         else
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
@@ -25980,7 +25983,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
         for (int c = 0; c < 3; c++)
@@ -25994,7 +25997,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
     int all = (mask & SB_XYZ) == SB_XYZ;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
         int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
@@ -26112,7 +26115,7 @@ static int sbi_order_walk(sbi_order *o, int start, int count)
     o->walk[count++] = start;
     for (; read < count; read++) {
         int i = o->walk[read];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
                 continue;
@@ -26161,7 +26164,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
         int node = list[i];
         border -= o->side[node] == 2;
         o->side[node] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int j = a->columns[q];
             if (o->set[j] != set || o->side[j] != 1)
                 continue;
@@ -26177,7 +26180,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
     for (int i = 0; i < count; i++)
         o->side[list[i]] = i > best;
     for (int i = 0; i <= best; i++)
-        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+        for (int q = a->row_start[list[i]]; q < a->row_end[list[i]]; q++)
             if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
                 o->side[a->columns[q]] = 2;
     return cost;
@@ -26188,7 +26191,7 @@ static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
 {
     const sb_matrix *a = o->pattern;
     beside[0] = beside[1] = beside[2] = 0;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++)
         if (o->set[a->columns[q]] == o->set[node])
             beside[o->side[a->columns[q]]]++;
 }
@@ -26200,7 +26203,7 @@ static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
     o->side[node] = half;
     sizes[2]--;
     sizes[half]++;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
         int j = a->columns[q];
         if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
             continue;
@@ -26306,7 +26309,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
-        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        int far = (double)(o->pattern->row_end[i] - o->pattern->row_start[i]) > most;
         o->set[i] = far ? -1 : 0;
         o->best[i] = far ? 2 : 0;
     }
@@ -26836,7 +26839,7 @@ static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_p
     for (int k = 0; k < d->node_count; k++) {
         int node = d->node[k];
         plan->parent[k] = ancestor[k] = -1;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             while (i >= 0 && i < k) {
                 int next = ancestor[i];
@@ -26857,7 +26860,7 @@ static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_
         int node = d->node[k];
         plan->count[k] = 1;
         mark[k] = k;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++)
             for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
                 plan->count[i]++;
                 mark[i] = k;
@@ -26959,7 +26962,7 @@ static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const i
         rows[count++] = k;
     for (int k = piece->first; k < piece->last; k++) {
         int node = d->node[k];
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             if (i < piece->last || mark[i] == index)
                 continue;
@@ -27216,7 +27219,7 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
         sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
         sb_real *size = d->sizes + 3 * (size_t)k;
         size[0] = size[1] = size[2] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]], place;
             const sb_real *block = a->blocks[q];
             for (int c = 0; c < 3; c++)
@@ -27263,7 +27266,7 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
 static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
 {
     for (int i = 0; i < a->row_count; i++)
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
@@ -28342,7 +28345,7 @@ static int sbi_region_grow(sbi_region_maker *m, int count)
     const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
                 sbi_region_join(m, j, &count);
@@ -28356,11 +28359,11 @@ static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
     const sb_matrix *a = m->pattern;
     int count = 0;
-    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+    for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
-        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+        for (int p = q + 1; p < a->row_end[i]; p++) {
             int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
@@ -28419,7 +28422,7 @@ static void sbi_region_place_rest(sbi_region_maker *m)
         changed = 0;
         for (int i = 0; i < a->row_count; i++) {
             int best = -1;
-            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+            for (int q = a->row_start[i]; q < a->row_end[i] && m->region[i] < 0; q++)
                 if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
                     best = q;
             if (best < 0)
@@ -28443,7 +28446,7 @@ static void sbi_region_prepare(sbi_region_maker *m)
         m->region[i] = -1;
         m->member[i] = m->touched[i] = 0;
         m->most[i] = 0;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             if (a->columns[q] != i && m->moduli[q] > m->most[i])
                 m->most[i] = m->moduli[q];
     }
@@ -31210,7 +31213,7 @@ static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *se
     for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
         int last = count;
         for (; first < last; first++)
-            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+            for (int q = a->row_start[seen[first]]; q < a->row_end[seen[first]]; q++) {
                 int j = a->columns[q];
                 if (mark[j] == i)
                     continue;
@@ -31430,7 +31433,7 @@ static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, 
     int count = d->size / 3;
     memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
     for (int row = 0; row < count; row++) {
-        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_end[nodes[row]];
         while (q < end && column < count) {
             if (a->columns[q] == nodes[column])
                 sbi_fsai_place(a->blocks[q++], scale, d, row, column++);
@@ -32261,10 +32264,14 @@ static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, con
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
 {
     uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    unsigned blocks = 0;
+    for (int i = 0; i < a->row_count; i++) {
+        blocks += (unsigned)(a->row_end[i] - a->row_start[i]);
+        hash = sbi_hash_word(hash, (uint64_t)blocks);
+    }
     for (int i = 0; i < a->row_count; i++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
-    for (int q = 0; q < a->block_count; q++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
     return hash;
 }
 
@@ -33038,7 +33045,7 @@ static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
     queue[0] = i;
     m->fragment_of[i] = fragment;
     for (int head = 0; head < count; head++)
-        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+        for (int q = a->row_start[queue[head]]; q < a->row_end[queue[head]]; q++) {
             int j = a->columns[q];
             if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
                 continue;
@@ -33085,7 +33092,7 @@ static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
     int best = -1;
     for (int pass = 0; pass < 2; pass++)
         for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
-            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+            for (int q = a->row_start[m->list[k]]; q < a->row_end[m->list[k]]; q++) {
                 int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
                 m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
                 if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
@@ -33158,7 +33165,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
 {
-    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
     sbi_piece_cut(m, begin, end, share, 0);
@@ -33222,7 +33229,7 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
         c->piece_entry[piece] = entries;
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+            for (int q = a->row_start[j]; q < a->row_end[j]; q++) {
                 int i = a->columns[q];
                 if (marker[i] < first) {
                     marker[i] = entries;
@@ -37342,7 +37349,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
 }
 
@@ -37379,7 +37386,7 @@ static void sbi_batch_lower(void *user, int index)
                     lower[3 * j + i] = upper[3 * i + j];
                 }
         }
-        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
             for (int c = 0; c < 9; c++)
                 sum[c] -= matrix->blocks[k][c];
         for (int i = 0; i < 3; i++)
@@ -38889,7 +38896,7 @@ static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *mat
 {
     size_t made = 0, entries = 0;
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->diagonal[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
             if (j == i)
@@ -38938,7 +38945,7 @@ static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_mat
             return sbi_elimination_no_memory(error);
         at = e->positions;
         for (int i = 0; i < full->row_count; i++)
-            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+            for (int k = full->row_start[i]; k < full->row_end[i]; k++) {
                 int j = full->columns[k];
                 sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
                 total += (size_t)a.count * (size_t)b.count;
@@ -39107,7 +39114,7 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
     const int *at = e->positions;
     sb_matrix_clear(&e->matrix);
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             const sb_real *block = matrix->blocks[k];
             sbi_elimination_row a, b;
@@ -40058,7 +40065,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -40069,7 +40076,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;
@@ -40183,12 +40190,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
@@ -40460,7 +40467,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
@@ -46273,7 +46280,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, con
             y[i] = sum;
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             const sb_real *m = matrix->blocks[k];
             sb_vec3 v = x[matrix->columns[k]];
             sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
@@ -47050,7 +47057,7 @@ static void sbi_newton_keep_support_rows(sb_body *b)
     sb_real(*out)[9] = b->support_blocks;
     for (int i = 0; i < matrix->row_count; i++)
         if (b->fixed[i] && b->node_component[i] >= 0) {
-            int count = matrix->row_start[i + 1] - matrix->row_start[i];
+            int count = matrix->row_end[i] - matrix->row_start[i];
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
@@ -47085,7 +47092,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
@@ -48231,7 +48238,7 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -49232,7 +49239,7 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
-            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+            needed += matrix->row_end[i] - matrix->row_start[i];
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }

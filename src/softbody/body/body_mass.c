@@ -204,7 +204,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -215,7 +215,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;

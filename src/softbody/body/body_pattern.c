@@ -103,12 +103,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +

@@ -85,7 +85,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
