@@ -2701,6 +2701,15 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 
 #endif /* SB_MESH_H */
 
+/* ==== src/softbody/mesh/mesh_change.h ==== */
+/* mesh_change: one change of a live mesh, as every room that keeps data by node or cell learns of it. Internal. */
+#ifndef SB_MESH_CHANGE_H
+#define SB_MESH_CHANGE_H
+
+
+
+#endif /* SB_MESH_CHANGE_H */
+
 /* ==== src/softbody/mesh/meshgen.h ==== */
 /* meshgen: structured volume meshes of simple solids. Floor 1.
  * Blocks of hexahedral cells; tets are cells cut along diagonals that match between neighbours. */
@@ -4410,7 +4419,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
 /* Bits of a node's constraint mask: which of its displacement components are prescribed. */
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
-/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
+/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_end[i])
  * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
  * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
@@ -4418,8 +4427,10 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
     int row_count; /* nodes */
-    int block_count;
-    int *row_start;       /* [row_count + 1] */
+    int block_count;      /* extent of the arrays of blocks */
+    int *row_start;       /* [row_count + 1] first block of each row */
+    int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
+                           * row_start[i + 1], unless the matrix follows a mesh that changes */
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
@@ -5997,6 +6008,51 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
                                      int *representative);
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
+
+/* ==== src/softbody/mesh/mesh_change.h, internal ==== */
+/* Nodes and cells live in slots: they keep their numbers while they exist, and slots that were removed last are used
+ * first. A slot that is removed and used again within one change stands in both lists: rooms take out all that goes
+ * before they bring in what comes. A source may be a slot that this change removes or makes: rooms read all sources
+ * before they write any node.
+ *
+ * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
+ * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
+ * 0 may be NULL.
+ *
+ * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
+ * can be seen. sbi_ROOM_follow then cannot fail. */
+typedef struct sbi_mesh_change {
+    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
+    int nodes_per_cell;     /* n below */
+
+    int made_node_count;
+    const int *made_nodes;         /* [made_node_count] */
+    const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
+    const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
+    const sb_real *source_weights; /* >= 0, they sum to 1 */
+
+    int removed_node_count;
+    const int *removed_nodes; /* [removed_node_count] */
+
+    int moved_node_count;
+    const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
+    const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+
+    int removed_cell_count;
+    const int *removed_cells;      /* [removed_cell_count] */
+    const int *removed_cell_nodes; /* [removed_cell_count][n] the nodes they had */
+
+    int made_cell_count;
+    const int *made_cells;      /* [made_cell_count] */
+    const int *made_cell_nodes; /* [made_cell_count][n] */
+    const int *made_parents;    /* [made_cell_count] cell as numbered before the change whose rotation and memory the
+                                 * made one inherits, or -1: rest */
+    const sb_real *made_shares; /* [made_cell_count] volume of material over volume of the element, 0 to 1; NULL: 1 */
+
+    int reshaped_cell_count;
+    const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
+                                * nodes that are not made by this change */
+} sbi_mesh_change;
 
 /* ==== src/softbody/mesh/image.h, internal ==== */
 /* Position of the point with the coordinates i, j, k, and the way back. */
@@ -27561,6 +27617,7 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->columns = ints;
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
+    matrix->row_end = matrix->row_start + 1;
     matrix->diagonal = matrix->row_start + rows + 1;
     matrix->part_rows = matrix->diagonal + rows;
     matrix->part_start = matrix->part_rows + rows;
@@ -27576,7 +27633,7 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
 {
     memcpy(next, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     for (int i = 0; i < matrix->row_count; i++)
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
             int j = matrix->columns[q];
             matrix->transpose[q] = next[j]++;
             if (j == i)
@@ -27591,7 +27648,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
     part_of[i] = part;
     queue[0] = i;
     for (int head = 0; head < count; head++)
-        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_end[queue[head]]; q++) {
             int j = matrix->columns[q];
             if (part_of[j] >= 0)
                 continue;
@@ -27608,7 +27665,7 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         part_of[i] = -1;
     matrix->part_count = 0;
     for (int i = 0; i < rows; i++) {
-        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        int is_alone = matrix->row_end[i] - matrix->row_start[i] == 1;
         if (part_of[i] >= 0)
             continue;
         if (is_alone && alone >= 0) {
@@ -27707,7 +27764,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
-    high = matrix->row_start[i + 1];
+    high = matrix->row_end[i];
     while (low < high) {
         int middle = low + (high - low) / 2;
         if (matrix->columns[middle] < j)
@@ -27715,7 +27772,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
         else
             high = middle;
     }
-    return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
+    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */
@@ -27735,7 +27792,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
                                               int guard)
 {
     const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_start[i + 1];
+              *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -27763,7 +27820,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++, block += 9) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -27779,9 +27836,9 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last)
 {
-    const int *columns = matrix->columns, *row_start = matrix->row_start;
+    const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
-        if (columns[row_start[i + 1] - 1] != matrix->row_count - 1)
+        if (columns[row_end[i] - 1] != matrix->row_count - 1)
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
         else
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
@@ -27899,7 +27956,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
         for (int c = 0; c < 3; c++)
@@ -27913,7 +27970,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
     int all = (mask & SB_XYZ) == SB_XYZ;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
         int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
@@ -28031,7 +28088,7 @@ static int sbi_order_walk(sbi_order *o, int start, int count)
     o->walk[count++] = start;
     for (; read < count; read++) {
         int i = o->walk[read];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
                 continue;
@@ -28080,7 +28137,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
         int node = list[i];
         border -= o->side[node] == 2;
         o->side[node] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int j = a->columns[q];
             if (o->set[j] != set || o->side[j] != 1)
                 continue;
@@ -28096,7 +28153,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
     for (int i = 0; i < count; i++)
         o->side[list[i]] = i > best;
     for (int i = 0; i <= best; i++)
-        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+        for (int q = a->row_start[list[i]]; q < a->row_end[list[i]]; q++)
             if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
                 o->side[a->columns[q]] = 2;
     return cost;
@@ -28107,7 +28164,7 @@ static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
 {
     const sb_matrix *a = o->pattern;
     beside[0] = beside[1] = beside[2] = 0;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++)
         if (o->set[a->columns[q]] == o->set[node])
             beside[o->side[a->columns[q]]]++;
 }
@@ -28119,7 +28176,7 @@ static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
     o->side[node] = half;
     sizes[2]--;
     sizes[half]++;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
         int j = a->columns[q];
         if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
             continue;
@@ -28225,7 +28282,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
-        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        int far = (double)(o->pattern->row_end[i] - o->pattern->row_start[i]) > most;
         o->set[i] = far ? -1 : 0;
         o->best[i] = far ? 2 : 0;
     }
@@ -28755,7 +28812,7 @@ static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_p
     for (int k = 0; k < d->node_count; k++) {
         int node = d->node[k];
         plan->parent[k] = ancestor[k] = -1;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             while (i >= 0 && i < k) {
                 int next = ancestor[i];
@@ -28776,7 +28833,7 @@ static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_
         int node = d->node[k];
         plan->count[k] = 1;
         mark[k] = k;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++)
             for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
                 plan->count[i]++;
                 mark[i] = k;
@@ -28878,7 +28935,7 @@ static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const i
         rows[count++] = k;
     for (int k = piece->first; k < piece->last; k++) {
         int node = d->node[k];
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             if (i < piece->last || mark[i] == index)
                 continue;
@@ -29135,7 +29192,7 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
         sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
         sb_real *size = d->sizes + 3 * (size_t)k;
         size[0] = size[1] = size[2] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]], place;
             const sb_real *block = a->blocks[q];
             for (int c = 0; c < 3; c++)
@@ -29182,7 +29239,7 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
 static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
 {
     for (int i = 0; i < a->row_count; i++)
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
@@ -30261,7 +30318,7 @@ static int sbi_region_grow(sbi_region_maker *m, int count)
     const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
                 sbi_region_join(m, j, &count);
@@ -30275,11 +30332,11 @@ static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
     const sb_matrix *a = m->pattern;
     int count = 0;
-    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+    for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
-        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+        for (int p = q + 1; p < a->row_end[i]; p++) {
             int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
@@ -30338,7 +30395,7 @@ static void sbi_region_place_rest(sbi_region_maker *m)
         changed = 0;
         for (int i = 0; i < a->row_count; i++) {
             int best = -1;
-            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+            for (int q = a->row_start[i]; q < a->row_end[i] && m->region[i] < 0; q++)
                 if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
                     best = q;
             if (best < 0)
@@ -30362,7 +30419,7 @@ static void sbi_region_prepare(sbi_region_maker *m)
         m->region[i] = -1;
         m->member[i] = m->touched[i] = 0;
         m->most[i] = 0;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             if (a->columns[q] != i && m->moduli[q] > m->most[i])
                 m->most[i] = m->moduli[q];
     }
@@ -33129,7 +33186,7 @@ static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *se
     for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
         int last = count;
         for (; first < last; first++)
-            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+            for (int q = a->row_start[seen[first]]; q < a->row_end[seen[first]]; q++) {
                 int j = a->columns[q];
                 if (mark[j] == i)
                     continue;
@@ -33349,7 +33406,7 @@ static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, 
     int count = d->size / 3;
     memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
     for (int row = 0; row < count; row++) {
-        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_end[nodes[row]];
         while (q < end && column < count) {
             if (a->columns[q] == nodes[column])
                 sbi_fsai_place(a->blocks[q++], scale, d, row, column++);
@@ -34180,10 +34237,14 @@ static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, con
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
 {
     uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    unsigned blocks = 0;
+    for (int i = 0; i < a->row_count; i++) {
+        blocks += (unsigned)(a->row_end[i] - a->row_start[i]);
+        hash = sbi_hash_word(hash, (uint64_t)blocks);
+    }
     for (int i = 0; i < a->row_count; i++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
-    for (int q = 0; q < a->block_count; q++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
     return hash;
 }
 
@@ -34957,7 +35018,7 @@ static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
     queue[0] = i;
     m->fragment_of[i] = fragment;
     for (int head = 0; head < count; head++)
-        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+        for (int q = a->row_start[queue[head]]; q < a->row_end[queue[head]]; q++) {
             int j = a->columns[q];
             if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
                 continue;
@@ -35004,7 +35065,7 @@ static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
     int best = -1;
     for (int pass = 0; pass < 2; pass++)
         for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
-            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+            for (int q = a->row_start[m->list[k]]; q < a->row_end[m->list[k]]; q++) {
                 int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
                 m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
                 if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
@@ -35077,7 +35138,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
 {
-    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
     sbi_piece_cut(m, begin, end, share, 0);
@@ -35141,7 +35202,7 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
         c->piece_entry[piece] = entries;
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+            for (int q = a->row_start[j]; q < a->row_end[j]; q++) {
                 int i = a->columns[q];
                 if (marker[i] < first) {
                     marker[i] = entries;
@@ -39261,7 +39322,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
 }
 
@@ -39298,7 +39359,7 @@ static void sbi_batch_lower(void *user, int index)
                     lower[3 * j + i] = upper[3 * i + j];
                 }
         }
-        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
             for (int c = 0; c < 9; c++)
                 sum[c] -= matrix->blocks[k][c];
         for (int i = 0; i < 3; i++)
@@ -40808,7 +40869,7 @@ static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *mat
 {
     size_t made = 0, entries = 0;
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->diagonal[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
             if (j == i)
@@ -40857,7 +40918,7 @@ static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_mat
             return sbi_elimination_no_memory(error);
         at = e->positions;
         for (int i = 0; i < full->row_count; i++)
-            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+            for (int k = full->row_start[i]; k < full->row_end[i]; k++) {
                 int j = full->columns[k];
                 sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
                 total += (size_t)a.count * (size_t)b.count;
@@ -41026,7 +41087,7 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
     const int *at = e->positions;
     sb_matrix_clear(&e->matrix);
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             const sb_real *block = matrix->blocks[k];
             sbi_elimination_row a, b;
@@ -41146,7 +41207,7 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 }
 
 /* ==== src/softbody/body/body_private.h ==== */
-/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+/* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
@@ -41391,6 +41452,11 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* regions and materials, one material per region, and each cell's material; */
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
+/* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
@@ -41405,6 +41471,10 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
 SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
                                           sb_error *error);
+/* The reference mesh as others see it; borrowed arrays. */
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
+/* Diagonal of the bounding box (m). */
+SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
@@ -41431,6 +41501,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -41462,171 +41534,12 @@ SB_INLINE int sbi_body_points(const sb_body *body)
 
 #endif /* SB_BODY_PRIVATE_H */
 
-/* ==== src/softbody/body/body.c ==== */
-/* body: creation, properties, supports, loads, readings. */
+/* ==== src/softbody/body/body_material.c ==== */
+/* body_material: regions, their materials, fibres, and what follows from them. */
 
 #include <string.h>
 
-#define SBI_BODY_COOKIE 0x5b0d1u
-
-SB_API sb_body_def sb_default_body_def(void)
-{
-    sb_body_def def;
-    memset(&def, 0, sizeof def);
-    def.integration = SB_INTEGRATION_AUTO;
-    def.mass = SB_MASS_LUMPED;
-    def.integrator = SB_EULER;
-    def.preconditioner = SB_PRECOND_AUTO;
-    def.levels = NULL;
-    def.level_count = 0;
-    def.tolerance = (sb_real)1e-3;
-    def.max_iterations = 500;
-    def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.5;
-    def.max_substeps = 10000;
-    def.newton_tolerance = (sb_real)1e-6;
-    def.cookie = SBI_BODY_COOKIE;
-    return def;
-}
-
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
-SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
-{
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {
-        material->density, material->lambda, material->mu,  material->c10,             material->d1,
-        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
-    memcpy(reals, moduli, sizeof moduli);
-    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
-    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
-}
-
-SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
-{
-    sb_material m;
-    memset(&m, 0, sizeof m);
-    m.model = (sb_material_model)model;
-    m.prony_count = prony_count;
-    m.density = reals[0];
-    m.lambda = reals[1];
-    m.mu = reals[2];
-    m.c10 = reals[3];
-    m.d1 = reals[4];
-    m.c01 = reals[5];
-    m.c20 = reals[6];
-    m.c30 = reals[7];
-    m.fibre_stiffness = reals[8];
-    m.fibre_exponent = reals[9];
-    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
-    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
-    return m;
-}
-
-static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
-{
-    const int ints[3] = {region, (int)material->model, material->prony_count};
-    sb_real reals[SBI_MATERIAL_REALS];
-    sbi_body_pack_material(material, reals);
-    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
-}
-
-/* ---- creation: arguments ---- */
-
-SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
-{
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
-    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
-                        (double)def->damping_mass, (double)def->damping_stiffness);
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
-    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
-                        (double)def->newton_tolerance);
-    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
-                        def->max_iterations, def->max_newton);
-    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
-                        (double)def->spectral_radius);
-    if (def->max_substeps < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
-    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
-    if (def->allocator.alloc && !def->allocator.release)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
-                        (double)def->damping_stiffness);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
-{
-    sb_result result = sb_material_check(material, error);
-    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
-    return result;
-}
-
-static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
-{
-    sb_result result;
-    if (def->cookie != SBI_BODY_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
-    if (!def->mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
-    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
-    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
-    result = sbi_body_check_settings(def, error);
-    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
-        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
-    return result;
-}
-
-/* ---- creation: regions and materials ---- */
+/* ---- regions ---- */
 
 static int sbi_body_region(const sb_mesh *mesh, int element)
 {
@@ -41670,8 +41583,7 @@ static int sbi_body_list_regions(const sb_mesh *mesh, int *regions, int capacity
     return count;
 }
 
-/* Regions and materials, one material per region, and each cell's material. */
-static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     int capacity = 4, count, found;
     for (;; capacity = count) {
@@ -41714,7 +41626,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
-/* ---- creation: fibres ---- */
+/* ---- fibres ---- */
 
 /* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
@@ -41776,8 +41688,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     return SB_OK;
 }
 
-/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
-static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
 {
     sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
     if (result == SB_OK)
@@ -41785,57 +41696,151 @@ static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_ma
     return result;
 }
 
-/* ---- creation: memory ---- */
+/* ---- materials ---- */
 
-/* Lays out every array of the body; walked once to measure and once to hand out. */
-static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
-    size_t n = (size_t)body->domain.node_count;
-    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
-                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
-                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
-                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
-                           &body->work,      &body->work2};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
-                                                 sizeof(sb_real));
-    if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+    sb_result result = sb_material_check(material, error);
+    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
+    return result;
 }
 
-static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    sbi_arena arena = {NULL, 0, 0};
-    unsigned char *base;
-    sbi_body_layout(body, &arena);
-    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
-                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
-    if (!body->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
-    base = (unsigned char *)body->memory;
-    memset(base, 0, arena.used + 64);
-    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
-    arena.used = 0;
-    sbi_body_layout(body, &arena);
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
+SBI_API void sbi_body_materials_changed(sb_body *body)
+{
+    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    sbi_body_update_mass(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+}
+
+SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+{
+    sb_result result;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < body->material_count; i++)
+        body->materials[i] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
+                                             sb_error *error)
+{
+    sb_result result;
+    int at, found;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
+    return SB_OK;
+}
+
+/* ---- Newton iterations that materials need ---- */
+
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+{
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
+}
+
+SBI_API int sbi_body_max_newton(const sb_body *body)
+{
+    if (body->max_newton != SB_AUTO)
+        return body->max_newton;
+    for (int i = 0; i < body->material_count; i++)
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
+            return 20;
+    return 1;
+}
+
+/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+{
+    int needed = body->max_newton > 1;
+    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
+        return SB_OK;
+    body->damping_blocks =
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+    if (!body->damping_blocks)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/body_mass.c ==== */
+/* body_mass: masses of nodes and of the matrix, and products with them. */
+
+#include <string.h>
+
 /* ---- the reference shape ---- */
 
-/* The reference mesh as others see it; borrowed arrays. */
-static sb_mesh sbi_body_mesh_view(const sb_body *body)
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -41848,8 +41853,7 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     return mesh;
 }
 
-/* Diagonal of the bounding box (m). */
-static sb_real sbi_body_size(const sb_body *body)
+SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
@@ -42034,7 +42038,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -42045,7 +42049,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;
@@ -42055,259 +42059,10 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-SBI_API sb_real sbi_body_poisson(const sb_body *body)
-{
-    sb_real largest = -1;
-    for (int k = 0; k < body->material_count; k++) {
-        sb_real poisson = sb_material_poisson(body->materials + k);
-        largest = poisson > largest ? poisson : largest;
-    }
-    return largest;
-}
+/* ==== src/softbody/body/body_pattern.c ==== */
+/* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
-{
-    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
-}
-
-SBI_API void sbi_body_materials_changed(sb_body *body)
-{
-    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
-    sbi_body_update_mass(body);
-    body->force_current = 0;
-    body->acceleration_known = 0;
-}
-
-/* ---- creation: topology ---- */
-
-/* Parts of the mesh, elements of each node, and the matrix pattern. */
-static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
-                                          error);
-    if (result == SB_OK)
-        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
-    if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
-                                  domain->cells, &body->allocator, &body->matrix, error);
-    return result;
-}
-
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
-}
-
-/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
-static void sbi_body_label_nodes(sb_body *body)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
-        body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        body->fixed[i] = lonely ? SB_XYZ : 0;
-        if (!lonely)
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
-}
-
-/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
- * linearised steps add up until the body explodes: only a linear body may take them. */
-static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
-{
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}
-
-/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
-{
-    int needed = body->max_newton > 1;
-    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
-        return SB_OK;
-    body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
-    if (!body->damping_blocks)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_real *young;
-    sb_result result;
-    *moduli = NULL;
-    if (body->material_count < 2)
-        return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
-    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sb_material_young(body->materials + body->cell_material[e]);
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
-                                          *moduli, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
-    }
-    sbi_free(&body->allocator, young);
-    if (result != SB_OK) {
-        sbi_free(&body->allocator, *moduli);
-        *moduli = NULL;
-    }
-    return result;
-}
-
-static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_real *moduli = NULL;
-    sb_result result = SB_OK;
-    settings.kind = def->preconditioner;
-    settings.positions = def->mesh->nodes;
-    settings.jobs = body->jobs;
-    settings.levels = def->levels;
-    settings.level_count = def->level_count;
-    if (settings.kind == SB_PRECOND_AUTO)
-        settings.kind = sb_solver_auto(&body->matrix);
-    if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
-    settings.moduli = moduli;
-    if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
-    sbi_free(&body->allocator, moduli);
-    return result;
-}
-
-static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    uint64_t *node_colours;
-    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
-                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                                      &body->domain, error);
-    body->own_points = def->domain != NULL;
-    if (result == SB_OK)
-        result = sbi_body_make_materials(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_make_topology(body, def->mesh, error);
-    if (result == SB_OK)
-        result = sbi_body_take_memory(body, error);
-    if (result == SB_OK)
-        result = sbi_body_make_preconditioner(body, def, error);
-    if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
-    if (result != SB_OK)
-        return result;
-    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(allocator, node_colours);
-    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    sbi_body_label_nodes(body);
-    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
-    for (int i = 0; i < body->material_count && result == SB_OK; i++)
-        result = sbi_body_prepare_material(body, i, body->materials + i, error);
-    if (result != SB_OK)
-        return result;
-    sbi_body_materials_changed(body);
-    sb_body_reset(body);
-    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
-}
-
-SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
-{
-    sb_body *made;
-    sb_result result;
-    if (!def || !body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
-    result = sbi_body_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
-    made->allocator = def->allocator;
-    made->jobs = def->jobs;
-    made->clock = def->clock;
-    made->mass_kind = def->mass;
-    made->integrator = def->integrator;
-    made->gravity = def->gravity;
-    made->damping_mass = def->damping_mass;
-    made->damping_stiffness = def->damping_stiffness;
-    made->tolerance = def->tolerance;
-    made->newton_tolerance = def->newton_tolerance;
-    made->max_iterations = def->max_iterations;
-    made->max_newton = def->max_newton;
-    made->spectral_radius = def->spectral_radius;
-    made->max_substeps = def->max_substeps;
-    result = sbi_body_build(made, def, error);
-    if (result != SB_OK) {
-        sb_body_destroy(made);
-        return result;
-    }
-    *body = made;
-    return SB_OK;
-}
-
-SB_API void sb_body_destroy(sb_body *body)
-{
-    sb_allocator allocator;
-    if (!body)
-        return;
-    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
-    allocator = body->allocator;
-    for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
-    sbi_free(&allocator, body->loads);
-    sbi_free(&allocator, body->tie_gram);
-    sbi_elimination_free(body->elimination);
-    sb_pcg_workspace_free(&body->pcg);
-    sb_preconditioner_free(body->precond);
-    sb_matrix_free(&body->matrix);
-    sb_index_table_free(&body->element_component);
-    sb_index_lists_free(&body->node_elements);
-    sbi_assembly_free_memory(&body->assembly, &allocator);
-    sb_domain_free(&body->domain);
-    sbi_free(&allocator, body->fibres);
-    sbi_free(&allocator, body->support_blocks);
-    sbi_free(&allocator, body->damping_blocks);
-    sbi_free(&allocator, body->extra_start);
-    sbi_free(&allocator, body->pattern_memory);
-    sbi_free(&allocator, body->cell_material);
-    sbi_free(&allocator, body->materials);
-    sbi_free(&allocator, body->material_regions);
-    sbi_free(&allocator, body->memory);
-    sbi_free(&allocator, body);
-}
+#include <string.h>
 
 /* ---- couplings beyond the elements ---- */
 
@@ -42408,12 +42163,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
@@ -42533,106 +42288,80 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
     return result;
 }
 
-/* ---- sizes ---- */
+/* ---- the preconditioner ---- */
 
-SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
-SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
-SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
-SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+SBI_API sb_real sbi_body_poisson(const sb_body *body)
 {
-    sb_preconditioner_info none;
-    if (!body) {
-        memset(&none, 0, sizeof none);
-        return none;
+    sb_real largest = -1;
+    for (int k = 0; k < body->material_count; k++) {
+        sb_real poisson = sb_material_poisson(body->materials + k);
+        largest = poisson > largest ? poisson : largest;
     }
-    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+    return largest;
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
 
-/* ---- properties ---- */
-
-SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error)
 {
+    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
+    return sb_preconditioner_update(precond, matrix, body->position, error);
+}
+
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
     sb_result result;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_material(body, -1, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    for (int i = 0; i < body->material_count; i++)
-        body->materials[i] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, -1, body->displacement);
-    sbi_body_tell_material(body, 1, 0, material);
-    return SB_OK;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
 }
 
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error)
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
 {
-    sb_result result;
-    int at, found;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
-    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
-    if (!found)
-        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    settings.kind = def->preconditioner;
+    settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
     if (result == SB_OK)
-        result = sbi_body_prepare_material(body, at, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    body->materials[at] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, at, body->displacement);
-    sbi_body_tell_material(body, 0, region, material);
-    return SB_OK;
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
 }
 
-SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
-{
-    if (!body)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    body->gravity = gravity;
-    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
-    return SB_OK;
-}
+/* ==== src/softbody/body/body_support.c ==== */
+/* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
-{
-    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
-        return SB_ERROR_ARGUMENT;
-    body->tolerance = tolerance;
-    body->max_iterations = max_iterations;
-    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
-    return SB_OK;
-}
+#include <string.h>
 
 /* ---- faces ---- */
 
-/* 1 when the named corners of an element (all different) are those of the list. */
-static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
 {
     int found = 0;
     for (int k = 0; k < count; k++)
@@ -42711,7 +42440,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
@@ -42820,7 +42549,291 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
 
-/* ---- state ---- */
+/* ---- what holds the parts ---- */
+
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
+{
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
+{
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
+}
+
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            return 0;
+    return part >= 0;
+}
+
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
+{
+    int parts = 0;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
+}
+
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
+                continue;
+            sbi_body_row_motion(body, row, part, r);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
+{
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
+{
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+static void sbi_body_hold_supports(const sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
+    for (int c = 0; c < body->component_count; c++)
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
+    return -1;
+}
+
+/* ==== src/softbody/body/body_read.c ==== */
+/* body_read: sizes, motion and what can be read from it. */
+
+#include <string.h>
+
+/* ---- sizes ---- */
+
+SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
+SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
+SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    sb_preconditioner_info none;
+    if (!body) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+
+/* ---- motion ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body ? body->displacement : NULL; }
@@ -43186,270 +43199,10 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
     sbi_run(&body->jobs, sbi_body_turn_task, &turning, sbi_row_chunks(turning.count));
 }
 
-/* ---- what holds the parts ---- */
+/* ==== src/softbody/body/body_check.c ==== */
+/* body_check: what is unusual about a body. */
 
-/* Arm of a node about the centre of its part, in units of the part's size. */
-static void sbi_body_arm(const sb_body *body, int node, double arm[3])
-{
-    sb_vec3 low = body->component_low[body->node_component[node]];
-    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
-    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
-    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
-    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
-    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
-}
-
-/* r += weight times what the six rigid motions do to one axis of a node. */
-static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
-{
-    double arm[3];
-    sbi_body_arm(body, node, arm);
-    r[axis] += weight;
-    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
-}
-
-/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
-static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
-{
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
-}
-
-/* One row along one axis (of rows that are for all three). */
-typedef struct sbi_body_row {
-    const int *nodes, *dofs; /* one of them */
-    const sb_real *weights;
-    int count, axis;
-    double scale;
-} sbi_body_row;
-
-static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
-{
-    sbi_body_row row;
-    int first = rows->start[index];
-    row.nodes = rows->nodes ? rows->nodes + first : NULL;
-    row.dofs = rows->nodes ? NULL : rows->dofs + first;
-    row.weights = rows->weights + first;
-    row.count = rows->start[index + 1] - first;
-    row.axis = axis;
-    row.scale = 0;
-    for (int k = 0; k < row.count; k++)
-        row.scale += (double)sb_abs(row.weights[k]);
-    return row;
-}
-
-static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
-}
-
-/* What all terms of one part do to the row. */
-static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
-{
-    memset(r, 0, 6 * sizeof *r);
-    for (int k = 0; k < row->count; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
-                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
-}
-
-/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
-static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    int part = sbi_body_row_part(body, row, term);
-    for (int k = 0; k < term; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            return 0;
-    return part >= 0;
-}
-
-/* 1 when a row goes through several parts. */
-static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
-{
-    int parts = 0;
-    for (int k = 0; k < row->count && parts < 2; k++)
-        parts += sbi_body_is_new_part(body, row, k);
-    return parts > 1;
-}
-
-/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
-static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    int tied = sbi_body_is_tie(body, row);
-    for (int a = 0; a < row->count && row->scale > 0; a++)
-        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
-            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
-            double r[6], s[6];
-            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
-                continue;
-            sbi_body_row_motion(body, row, part, r);
-            if (tied)
-                sbi_body_row_motion(body, row, other, s);
-            if (tied)
-                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
-            else
-                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
-        }
-}
-
-/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
- * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
-static int sbi_body_free_motion(double *gram, int parts, double *traces)
-{
-    int size = 6 * parts;
-    size_t n = (size_t)size;
-    for (int p = 0; p < parts; p++) {
-        traces[p] = 0;
-        for (int i = 6 * p; i < 6 * p + 6; i++)
-            traces[p] += gram[(size_t)i * (n + 1)];
-    }
-    for (int step = 0; step < size; step++) {
-        int pivot = -1, first = -1;
-        for (int i = 0; i < size; i++) {
-            double d = gram[(size_t)i * (n + 1)];
-            if (d < 0) /* done: marked below */
-                continue;
-            first = first < 0 ? i : first;
-            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
-                pivot = i;
-        }
-        if (pivot < 0)
-            return first;
-        for (int i = 0; i < size; i++) {
-            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
-            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
-                continue;
-            for (int j = 0; j < size; j++)
-                if (j != pivot)
-                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
-            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
-                gram[(size_t)i * (n + 1)] = 0;
-        }
-        gram[(size_t)pivot * (n + 1)] = -1;
-    }
-    return -1;
-}
-
-/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
-static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
-{
-    for (int j = 0; j < rows->count; j++) {
-        sbi_body_row row = sbi_body_make_row(rows, j, 0);
-        int tied = sbi_body_is_tie(body, &row);
-        for (int k = 0; k < row.count && tied; k++) {
-            int part = sbi_body_row_part(body, &row, k);
-            if (part >= 0 && body->tie_of[part] < 0)
-                body->tie_of[part] = count++;
-        }
-    }
-    return count;
-}
-
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
-{
-    int count = sbi_body_number_ties(body, rows, body->tie_count);
-    if (count > body->tie_capacity) {
-        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
-        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
-        for (int c = 0; c < body->component_count && !gram; c++)
-            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
-        if (!gram)
-            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
-        sbi_free(&body->allocator, body->tie_gram);
-        body->tie_gram = gram;
-        body->tie_capacity = count;
-    }
-    body->tie_count = count;
-    return SB_OK;
-}
-
-/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
-static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
-{
-    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
-    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
-        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
-            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
-            sbi_body_hold_row(body, &row);
-        }
-}
-
-static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
-{
-    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
-    for (int j = 0; j < rows.count; j++) {
-        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
-        sbi_body_hold_row(body, &row);
-    }
-}
-
-static void sbi_body_hold_supports(const sb_body *body)
-{
-    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    for (int i = 0; i < body->domain.node_count; i++)
-        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
-            if (body->fixed[i] >> axis & 1) {
-                double r[6] = {0, 0, 0, 0, 0, 0};
-                sbi_body_add_motion(body, i, axis, 1, r);
-                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
-            }
-}
-
-/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
-static int sbi_body_is_held_by_supports(const sb_body *body)
-{
-    double trace;
-    sbi_body_hold_supports(body);
-    for (int c = 0; c < body->component_count; c++)
-        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
-            return 0;
-    return 1;
-}
-
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    sbi_body_hold_supports(body);
-    if (stride)
-        memset(body->tie_gram, 0, stride * stride * sizeof(double));
-    for (int l = 0; l < body->load_count; l++)
-        sbi_body_hold_load(body, body->loads + l);
-    if (body->elimination)
-        sbi_body_hold_equations(body, &body->elimination->equations);
-    for (int c = 0; c < body->component_count; c++)
-        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
-            for (int j = 0; j < 6; j++)
-                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
-                               (size_t)j] += body->support_grams[c][6 * i + j];
-}
-
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
-{
-    int loose = -1; /* number of a tied part that is free */
-    if (sbi_body_is_held_by_supports(body))
-        return -1;
-    sbi_body_gather_holds(body);
-    if (body->tie_count > 0) {
-        size_t n = 6 * (size_t)body->tie_count;
-        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
-        loose = motion < 0 ? -1 : motion / 6;
-    }
-    for (int c = 0; c < body->component_count; c++) {
-        double trace;
-        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
-            continue;
-        for (int i = 0; i < body->domain.node_count; i++)
-            if (body->node_component[i] == c)
-                return i;
-    }
-    return -1;
-}
-
-/* ---- set-up check ---- */
+#include <string.h>
 
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
@@ -43567,6 +43320,356 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_COMPONENTS: return "the mesh has more than one connected part";
     default: return "unknown warning";
     }
+}
+
+/* ==== src/softbody/body/body.c ==== */
+/* body: made and taken away; settings, and who hears of changes. */
+
+#include <string.h>
+
+#define SBI_BODY_COOKIE 0x5b0d1u
+
+SB_API sb_body_def sb_default_body_def(void)
+{
+    sb_body_def def;
+    memset(&def, 0, sizeof def);
+    def.integration = SB_INTEGRATION_AUTO;
+    def.mass = SB_MASS_LUMPED;
+    def.integrator = SB_EULER;
+    def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 500;
+    def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
+    def.newton_tolerance = (sb_real)1e-6;
+    def.cookie = SBI_BODY_COOKIE;
+    return def;
+}
+
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (body->observe)
+        body->observe(body->observer, command);
+}
+
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
+{
+    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
+                                    "a replay would not know of it")
+                         : SB_OK;
+}
+
+/* ---- creation: arguments ---- */
+
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+{
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
+    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
+                        (double)def->damping_mass, (double)def->damping_stiffness);
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
+    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
+                        (double)def->newton_tolerance);
+    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
+                        def->max_iterations, def->max_newton);
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
+    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_BODY_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
+    if (!def->mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
+    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
+    result = sbi_body_check_settings(def, error);
+    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
+        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
+    return result;
+}
+
+/* ---- creation: memory ---- */
+
+/* Lays out every array of the body; walked once to measure and once to hand out. */
+static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->domain.node_count;
+    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
+                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
+                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
+                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
+                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
+                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
+                           &body->work,      &body->work2};
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+                                                 sizeof(sb_real));
+    if (body->mass_kind != SB_MASS_LUMPED)
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+}
+
+static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    sbi_body_layout(body, &arena);
+    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
+                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
+    if (!body->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
+    base = (unsigned char *)body->memory;
+    memset(base, 0, arena.used + 64);
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    sbi_body_layout(body, &arena);
+    return SB_OK;
+}
+
+/* ---- creation: topology ---- */
+
+/* Parts of the mesh, elements of each node, and the matrix pattern. */
+static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
+                                          error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
+                                  domain->cells, &body->allocator, &body->matrix, error);
+    return result;
+}
+
+/* Grows the bounding box of a part by one of its nodes. */
+static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+}
+
+/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
+static void sbi_body_label_nodes(sb_body *body)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        body->tie_of[c] = -1;
+    }
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        int lonely = first == lists->offsets[i + 1];
+        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
+        body->fixed[i] = lonely ? SB_XYZ : 0;
+        if (!lonely)
+            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
+    }
+}
+
+/* ---- creation and its end ---- */
+
+static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    uint64_t *node_colours;
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
+    if (result == SB_OK)
+        result = sbi_body_make_materials(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_make_topology(body, def->mesh, error);
+    if (result == SB_OK)
+        result = sbi_body_take_memory(body, error);
+    if (result == SB_OK)
+        result = sbi_body_make_preconditioner(body, def, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+    if (result != SB_OK)
+        return result;
+    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(allocator, node_colours);
+    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_materials_changed(body);
+    sb_body_reset(body);
+    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
+}
+
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
+{
+    sb_body *made;
+    sb_result result;
+    if (!def || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
+    result = sbi_body_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
+    made->allocator = def->allocator;
+    made->jobs = def->jobs;
+    made->clock = def->clock;
+    made->mass_kind = def->mass;
+    made->integrator = def->integrator;
+    made->gravity = def->gravity;
+    made->damping_mass = def->damping_mass;
+    made->damping_stiffness = def->damping_stiffness;
+    made->tolerance = def->tolerance;
+    made->newton_tolerance = def->newton_tolerance;
+    made->max_iterations = def->max_iterations;
+    made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
+    result = sbi_body_build(made, def, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *body = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_destroy(sb_body *body)
+{
+    sb_allocator allocator;
+    if (!body)
+        return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
+    allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_free(&allocator, body->loads[i].memory);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
+    sb_pcg_workspace_free(&body->pcg);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    sb_index_table_free(&body->element_component);
+    sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
+    sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->support_blocks);
+    sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
+    sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->materials);
+    sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->memory);
+    sbi_free(&allocator, body);
+}
+
+/* ---- settings ---- */
+
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
+{
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
+{
+    const sb_real damping[2] = {alpha, beta};
+    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
+    body->damping_mass = alpha;
+    body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
+{
+    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
+        return SB_ERROR_ARGUMENT;
+    body->tolerance = tolerance;
+    body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/load.c ==== */
@@ -48150,7 +48253,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, con
             y[i] = sum;
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             const sb_real *m = matrix->blocks[k];
             sb_vec3 v = x[matrix->columns[k]];
             sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
@@ -48927,7 +49030,7 @@ static void sbi_newton_keep_support_rows(sb_body *b)
     sb_real(*out)[9] = b->support_blocks;
     for (int i = 0; i < matrix->row_count; i++)
         if (b->fixed[i] && b->node_component[i] >= 0) {
-            int count = matrix->row_start[i + 1] - matrix->row_start[i];
+            int count = matrix->row_end[i] - matrix->row_start[i];
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
@@ -48962,7 +49065,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
@@ -50108,7 +50211,7 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -51109,7 +51212,7 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
-            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+            needed += matrix->row_end[i] - matrix->row_start[i];
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }
