@@ -418,6 +418,16 @@
 #define sb_mesh_save_obj sb_mesh_save_obj_f32
 #define sb_mesh_save_stl sb_mesh_save_stl_f32
 #define sb_mesh_save_ply sb_mesh_save_ply_f32
+#define sb_image_load sb_image_load_f32
+#define sb_image_load_memory sb_image_load_memory_f32
+#define sb_image_is_file sb_image_is_file_f32
+#define sb_image_free sb_image_free_f32
+#define sb_image_check sb_image_check_f32
+#define sb_image_next_label sb_image_next_label_f32
+#define sb_image_label_at sb_image_label_at_f32
+#define sb_default_label_def sb_default_label_def_f32
+#define sb_image_surface sb_image_surface_f32
+#define sb_image_set_regions sb_image_set_regions_f32
 #define sb_surface_create sb_surface_create_f32
 #define sb_surface_destroy sb_surface_destroy_f32
 #define sb_surface_move sb_surface_move_f32
@@ -2691,6 +2701,15 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 
 #endif /* SB_MESH_H */
 
+/* ==== src/softbody/mesh/mesh_change.h ==== */
+/* mesh_change: one change of a live mesh, as every room that keeps data by node or cell learns of it. Internal. */
+#ifndef SB_MESH_CHANGE_H
+#define SB_MESH_CHANGE_H
+
+
+
+#endif /* SB_MESH_CHANGE_H */
+
 /* ==== src/softbody/mesh/meshgen.h ==== */
 /* meshgen: structured volume meshes of simple solids. Floor 1.
  * Blocks of hexahedral cells; tets are cells cut along diagonals that match between neighbours. */
@@ -2909,6 +2928,138 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
 SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_MESHIO_H */
+
+/* ==== src/softbody/mesh/image.h ==== */
+/* image: label images, as segmentations come. Floor 1: calls base and the readers of meshio.
+ *
+ *     sb_image image;
+ *     if (sb_image_load(&image, "liver.mha", &options, &error) != SB_OK) ...     options.scale = 0.001: millimetres
+ *     sb_image_surface (surface of a label), sb_image_set_regions (labels of a mesh's elements): see labels.h
+ *     sb_image_free(&image);
+ *
+ * | format     | read                                                                                   |
+ * |------------|----------------------------------------------------------------------------------------|
+ * | VTK legacy | STRUCTURED_POINTS, 2.0 to 5.1, ASCII and binary, all numeric types                     |
+ * | VTI        | VTK's XML ImageData in one piece: ASCII, base64, appended, zlib-compressed              |
+ * | MetaImage  | .mha, .mhd with one data file: raw of both byte orders, ASCII, zlib-compressed          |
+ * | NRRD       | .nrrd, .nhdr with one data file: raw of both byte orders, ASCII, gzip                   |
+ *
+ * A file is untrusted input, see meshio.h. */
+#ifndef SB_IMAGE_H
+#define SB_IMAGE_H
+
+
+/* A box of voxels, each with a label; 0 is background. Fill it yourself or load it; zero-initialise. The centre of
+ * voxel (i, j, k) lies at origin + direction (i spacing.x, j spacing.y, k spacing.z). */
+typedef struct sb_image {
+    int counts[3];          /* voxels along i, j, k; each >= 1, their product at most 2147483647 */
+    sb_vec3 origin;         /* (m) centre of voxel (0, 0, 0) */
+    sb_vec3 spacing;        /* (m) > 0, between the centres of neighbours */
+    sb_mat3 direction;      /* columns: unit vectors along i, j, k, not in one plane; left-handed ones are fine */
+    int *labels;            /* [counts[2]][counts[1]][counts[0]], i fastest */
+    sb_allocator allocator; /* what labels came from; zeros: malloc */
+} sb_image;
+
+/* Reads a label image; the format is told by the content.
+ *
+ * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
+ * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()
+ * error    may be NULL; file and line (line 0 in binary parts, where the message has the byte offset)
+ *
+ * VTK files: the first array of one number per point (or cell, where no point has one) is taken. Images of two
+ * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an int.
+ * Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
+ *
+ * SB_ERROR_ARGUMENT, _FILE, _FORMAT (also: data cut off, more of it than the header says, a value that is no label),
+ * _NOT_FINITE (origin, spacing, a value), _UNSUPPORTED (names what: more dimensions, vectors, a compression, pieces),
+ * _MEMORY. */
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error);
+/* The same from data[size] in memory, borrowed during the call; files that name a data file are SB_ERROR_UNSUPPORTED.
+ * name stands for the path in errors; may be NULL. */
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error);
+/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file that
+ * cannot be read. */
+SB_API int sb_image_is_file(const char *path);
+/* Releases the labels and zeroes the struct. Safe on {0} and on NULL. */
+SB_API void sb_image_free(sb_image *image);
+
+/* Whether the fields are as described above: SB_ERROR_ARGUMENT (names the field), _NOT_FINITE. */
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error);
+/* The smallest label above `after`: 1 and *label, or 0 when there is none. O(voxels). All labels but background:
+ *     for (int label = 0; sb_image_next_label(&image, label, &label);) ...   (those below 0: start at INT_MIN) */
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label);
+/* Label of the voxel that holds the point (m); 0 outside the image. Labels of many points: sb_image_set_regions. */
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point);
+
+
+#endif /* SB_IMAGE_H */
+
+/* ==== src/softbody/geometry/labels.h ==== */
+/* labels: from a label image to what is simulated: a closed surface round labels, and regions of a mesh. Floor 2.
+ *
+ *     sb_label_def def = sb_default_label_def();
+ *     def.image = &image;                                        all labels but 0: the organ with its tumour
+ *     sb_image_surface(&def, &mesh, &report, &error);            then sb_surface_create, sb_mesh_stuff or a grid
+ *     sb_image_set_regions(&image, &tets, &error);               each element's region is its label
+ *
+ * Where the tumour's boundary matters, mesh it: the surface of its label as a second shape of sb_stuff_def. */
+#ifndef SB_LABELS_H
+#define SB_LABELS_H
+
+
+enum { SB_LABEL_MAX_SMOOTHING = 8 };
+
+/* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
+typedef struct sb_label_def {
+    const sb_image *image;  /* borrowed */
+    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    int label_count;
+    int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
+                             * steps. n: steps of up to about 2 n voxels length become slopes */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    unsigned cookie;        /* set by sb_default_label_def; a def made without it is refused */
+} sb_label_def;
+
+typedef struct sb_label_report {
+    int voxels;             /* that are inside */
+    sb_real voxel_volume;   /* m^3 of them */
+    sb_real volume;         /* m^3 that the surface encloses */
+    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+} sb_label_report;
+
+SB_API sb_label_def sb_default_label_def(void);
+
+/* The boundary of labels as a mesh of tri3, oriented outward (cavities inward), closed and manifold whatever the voxels: no
+ * edge of more or fewer than two triangles, no node where parts touch, no two triangles that cross. It passes between the
+ * centres of voxels inside and outside, all of which stay on their side, so nothing is lost and nothing joins: also what is
+ * one voxel thick. Voxels that touch along an edge or in a corner only are parts of their own. Beyond the image is outside.
+ *
+ * The inside (1) and the outside (0) are filtered along each axis of the image by (1 2 1) / 4, `smoothing` times: G. What
+ * that takes from round parts comes back in (2 + sqrt 2) G - (1 + sqrt 2) G G, and the level near 1/2 (by up to 1/8) is
+ * taken at which the surface encloses the voxels' volume. Voxels that end up on the wrong side get a value that puts the
+ * surface half-way to their neighbours. Measured: the volume is that of the voxels to 1e-4 for balls of radius 2 to 22
+ * voxels, a torus, and plates 1, 2 and 3 voxels thick; single voxels and the smallest parts lose up to 5/6 of theirs. Look
+ * at report->volume where parts are that small.
+ *
+ * mesh: overwritten, not freed. report: or NULL. Failures leave both untouched: SB_ERROR_ARGUMENT (a field, named; no voxel
+ * has the labels), _NOT_FINITE (of the image), _UNSUPPORTED (more nodes or triangles than an int counts), _MEMORY. Two
+ * triangles for each face between voxels, and more where the surface is rough. Scratch: 8 bytes for each voxel of the
+ * box round the labels. O(voxels). The same bits each time.
+ *
+ * Source: marching cubes (Lorensen, Cline 1987) with loops traced face by face instead of a table: on a face whose corners
+ * alternate, voxels inside stay apart, so that both its cubes agree. Loops of five and more nodes, and those of four that
+ * meet one face twice, are filled round a centre, which no other triangle can touch. */
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error);
+
+/* Makes the regions of a mesh's elements their labels: that of most of a sample of points (the centre, and the points
+ * half-way from there to each node). Background (0) does not count, since the skin of a mesh cuts through voxels; where all
+ * points lie in it the nearest label is taken, up to two voxels away, and 0 if there is none. mesh->regions is made with
+ * mesh->allocator where it is NULL. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MESH (of the mesh's arrays), _MEMORY: the mesh
+ * is as it was. O(elements). */
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
+
+#endif /* SB_LABELS_H */
 
 /* ==== src/softbody/geometry/surface.h ==== */
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
@@ -4268,7 +4419,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
 /* Bits of a node's constraint mask: which of its displacement components are prescribed. */
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
-/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
+/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_end[i])
  * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
  * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
@@ -4276,8 +4427,10 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
     int row_count; /* nodes */
-    int block_count;
-    int *row_start;       /* [row_count + 1] */
+    int block_count;      /* extent of the arrays of blocks */
+    int *row_start;       /* [row_count + 1] first block of each row */
+    int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
+                           * row_start[i + 1], unless the matrix follows a mesh that changes */
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
@@ -5855,6 +6008,61 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
                                      int *representative);
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
+
+/* ==== src/softbody/mesh/mesh_change.h, internal ==== */
+/* Nodes and cells live in slots: they keep their numbers while they exist, and slots that were removed last are used
+ * first. A slot that is removed and used again within one change stands in both lists: rooms take out all that goes
+ * before they bring in what comes. A source may be a slot that this change removes or makes: rooms read all sources
+ * before they write any node.
+ *
+ * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
+ * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
+ * 0 may be NULL.
+ *
+ * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
+ * can be seen. sbi_ROOM_follow then cannot fail. */
+typedef struct sbi_mesh_change {
+    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
+    int nodes_per_cell;     /* n below */
+
+    int made_node_count;
+    const int *made_nodes;         /* [made_node_count] */
+    const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
+    const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
+    const sb_real *source_weights; /* >= 0, they sum to 1 */
+
+    int removed_node_count;
+    const int *removed_nodes; /* [removed_node_count] */
+
+    int moved_node_count;
+    const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
+    const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+
+    int removed_cell_count;
+    const int *removed_cells;      /* [removed_cell_count] */
+    const int *removed_cell_nodes; /* [removed_cell_count][n] the nodes they had */
+
+    int made_cell_count;
+    const int *made_cells;      /* [made_cell_count] */
+    const int *made_cell_nodes; /* [made_cell_count][n] */
+    const int *made_parents;    /* [made_cell_count] cell as numbered before the change whose rotation and memory the
+                                 * made one inherits, or -1: rest */
+    const sb_real *made_shares; /* [made_cell_count] volume of material over volume of the element, 0 to 1; NULL: 1 */
+
+    int reshaped_cell_count;
+    const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
+                                * nodes that are not made by this change */
+} sbi_mesh_change;
+
+/* ==== src/softbody/mesh/image.h, internal ==== */
+/* Position of the point with the coordinates i, j, k, and the way back. */
+typedef struct sbi_image_frame {
+    sb_mat3 axes, inverse; /* columns of axes: from a voxel to the next */
+    sb_vec3 origin;
+} sbi_image_frame;
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image);
+/* Label at the point, 0 outside. */
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point);
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
@@ -10633,9 +10841,36 @@ typedef struct sbi_diagonal_node {
     int low, high, node;
 } sbi_diagonal_node;
 
+/* A label image being read. */
+typedef struct sbi_voxels {
+    int points[3]; /* of the file along each axis; 0: not read yet */
+    int counts[3]; /* voxels */
+    double origin[3], spacing[3];
+    double direction[3][3]; /* [axis] its vector */
+    int *labels;            /* NULL: none read yet */
+} sbi_voxels;
+
+typedef enum sbi_voxel_encoding {
+    SBI_VOXELS_RAW = 0,
+    SBI_VOXELS_TEXT = 1,
+    SBI_VOXELS_ZLIB = 2,
+    SBI_VOXELS_GZIP = 3
+} sbi_voxel_encoding;
+
+/* How a header describes the voxels. */
+typedef struct sbi_voxel_data {
+    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    int size;    /* bytes of a value */
+    int big_endian;
+    sbi_voxel_encoding encoding;
+    int has_file;
+    sbi_word file; /* where the voxels are, when has_file; beside the header */
+} sbi_voxel_data;
+
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
     sbi_reader reader;
+    sbi_voxels *voxels; /* an image is wanted and this is where it goes; NULL: a mesh is */
     sb_allocator allocator;
     double scale;
     sb_vec3 *nodes;
@@ -10746,8 +10981,27 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
  * NULL, or what is wrong with the stream; "" for want of memory. */
 SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
                                 unsigned char **out, size_t *out_size, size_t *out_capacity);
+/* The same for a gzip file (RFC 1952) of one member. */
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity);
+
+/* ---- label images (image) ------------------------------------------------------------------------------ */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels);
+/* Numbers that `voxels` takes: all in a row and finite; spacing above 0. */
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values);
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3]);
+/* Voxels of an image whose values stand at its points, or in its cells; 0 when there are more than an int counts. */
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells);
+/* Takes memory for the labels, of which the caller knows that the file can hold them. */
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells);
+/* The value of a voxel: a whole number that an int holds. */
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
+
+/* Copies the options or their defaults; refuses those out of range. */
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error);
 
 /* The content of a file. */
 typedef struct sbi_file {
@@ -10789,6 +11043,9 @@ SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
 SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
 SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* These two read the header of a label image; the voxels follow in the file, or are all of the one named. */
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data);
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data);
 /* 1 when the content begins as a binary Medit file does. */
 SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
@@ -11968,9 +12225,7 @@ SB_API sb_load_options sb_default_load_options(void)
     return options;
 }
 
-/* Copies the options or their defaults; refuses those out of range. */
-static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_options *resolved,
-                                    sb_error *error)
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error)
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
@@ -12362,7 +12617,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 {
     sb_load_options resolved;
     sbi_loader loader;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || (!data && size))
@@ -12435,7 +12690,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     sb_file_format format = SB_FILE_AUTO;
     sbi_loader loader;
     sbi_file content;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || !path)
@@ -12862,6 +13117,7 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
  * of node indices; before, each cell's indices follow their count. */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* A type of values, as spelled in the file. */
@@ -12875,6 +13131,7 @@ typedef struct sbi_vtk {
     sbi_loader *loader;
     sbi_reader *reader;
     int binary, polydata;
+    int image; /* STRUCTURED_POINTS, and the loader wants an image */
     int has_points, has_cells, has_types;
     int cell_count; /* cells of the list read last, which lie in: */
     int *ends;      /* [cell_count] where the nodes of each cell end */
@@ -13282,6 +13539,30 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
+ * the file has shares of it. */
+static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
+                                     int64_t tuples, double factor)
+{
+    sbi_loader *loader = vtk->loader;
+    int usable = vtk->data_count >= 0 && type->class_ != 'b' && type->class_ != 's' && components == 1;
+    int count = 0;
+    sb_result result;
+    if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
+        return sbi_vtk_skip_values(vtk, type, components * tuples);
+    sbi_vtk_start_data(vtk);
+    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtk->in_cell_data);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtk_real(vtk, type, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, vtk->reader, i, factor > 1 ? floor(factor * value + 0.5) : value);
+    }
+    return result;
+}
+
 /* The values of an array, after its keyword line up to the type: regions are kept, others skipped. */
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
@@ -13291,6 +13572,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
+    if (vtk->image)
+        return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
     if (of_cells && sbi_word_is(name, "region") && !is_number)
@@ -13381,9 +13664,11 @@ static sb_result sbi_vtk_colours(sbi_vtk *vtk, sbi_word name, int is_table)
     static const sbi_vtk_type bytes = {"unsigned_char", 'u', 1};
     int64_t count = 0;
     sb_result result = sbi_reader_integer(vtk->reader, "the number of colours", &count);
-    name.length = 0; /* colours are no regions, whatever their name */
     if (result)
         return result;
+    if (vtk->image && !is_table && count == 1) /* how VTK writes unsigned char: labels from 0 to 255 */
+        return sbi_vtk_image_array(vtk, name, &bytes, 1, vtk->data_count, vtk->binary ? 1 : 255);
+    name.length = 0; /* colours are no regions, whatever their name */
     return sbi_vtk_array(vtk, name, &bytes, is_table ? 4 : count, is_table ? count : vtk->data_count);
 }
 
@@ -13428,7 +13713,13 @@ static sb_result sbi_vtk_attribute(sbi_vtk *vtk, sbi_word keyword, int *known)
 static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
 {
     int64_t count = 0, expected = of_cells ? vtk->loader->source_count : (int64_t)vtk->loader->node_count;
-    sb_result result = sbi_reader_integer(vtk->reader, "the number of values", &count);
+    sb_result result;
+    if (vtk->image) {
+        expected = sbi_voxels_count(vtk->loader->voxels, of_cells);
+        if (expected == 0)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data before DIMENSIONS");
+    }
+    result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
                                (long long)count, of_cells ? "cells" : "points", (long long)expected);
@@ -13437,13 +13728,52 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     return result;
 }
 
+/* ---- images ---- */
+
+static sb_result sbi_vtk_dimensions(sbi_vtk *vtk)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    int points[3] = {0, 0, 0};
+    sb_result result = SB_OK;
+    if (voxels->points[0])
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a second DIMENSIONS");
+    for (int k = 0; k < 3 && !result; k++) {
+        result = sbi_reader_count(vtk->reader, "a dimension", 0, &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a dimension is 0");
+    }
+    if (result)
+        return result;
+    memcpy(voxels->points, points, sizeof points);
+    if (sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return SB_OK;
+}
+
+/* The sections of STRUCTURED_POINTS that other data sets do not have; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_image_section(sbi_vtk *vtk, sbi_word keyword, int *known)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    sb_result result;
+    *known = 1;
+    if (sbi_word_is(keyword, "DIMENSIONS"))
+        return sbi_vtk_dimensions(vtk);
+    if (sbi_word_is(keyword, "ORIGIN"))
+        return sbi_voxels_read_reals(vtk->reader, "origin", 3, voxels->origin);
+    if (sbi_word_is(keyword, "SPACING") || sbi_word_is(keyword, "ASPECT_RATIO")) {
+        result = sbi_voxels_read_reals(vtk->reader, "spacing", 3, voxels->spacing);
+        return result ? result : sbi_voxels_check_spacing(vtk->reader, voxels->spacing);
+    }
+    *known = 0;
+    return SB_OK;
+}
+
 /* ---- file ---- */
 
-static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+/* The sections of meshes; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_mesh_section(sbi_vtk *vtk, sbi_word keyword, int *known)
 {
-    char text[32];
-    int known = 0;
-    sb_result result;
+    *known = 1;
     if (sbi_word_is(keyword, "POINTS"))
         return sbi_vtk_points(vtk);
     if (sbi_word_is(keyword, "CELLS"))
@@ -13458,6 +13788,18 @@ static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
         return sbi_vtk_poly_cells(vtk, 3, 7);
     if (sbi_word_is(keyword, "TRIANGLE_STRIPS"))
         return sbi_vtk_poly_cells(vtk, 4, 6);
+    *known = 0;
+    return SB_OK;
+}
+
+static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+{
+    char text[32];
+    int known = 0;
+    sb_result result =
+        vtk->image ? sbi_vtk_image_section(vtk, keyword, &known) : sbi_vtk_mesh_section(vtk, keyword, &known);
+    if (known)
+        return result;
     if (sbi_word_is(keyword, "CELL_DATA"))
         return sbi_vtk_data(vtk, 1);
     if (sbi_word_is(keyword, "POINT_DATA"))
@@ -13512,7 +13854,15 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
         !sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "DATASET is missing");
     vtk->polydata = sbi_word_is(word, "POLYDATA");
-    if (!vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
+    vtk->image = sbi_word_is(word, "STRUCTURED_POINTS");
+    if (vtk->image && !vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
+                               "data set STRUCTURED_POINTS is an image, not a mesh: sb_image_load reads it, "
+                               "sb_image_surface makes a surface of its labels");
+    if (!vtk->image && vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
@@ -13522,6 +13872,8 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
 {
+    if (vtk->image)
+        return SB_OK; /* that there are labels is asked of all formats */
     if (!vtk->has_points)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends without POINTS");
     if (!vtk->has_cells)
@@ -15655,7 +16007,8 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
 }
 
 /* ==== src/softbody/mesh/meshio_inflate.c ==== */
-/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
+/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
+ * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 
 #include <string.h>
@@ -15943,33 +16296,105 @@ static void sbi_inflate_blocks(sbi_inflater *z)
     }
 }
 
-SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
-                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+/* Unpacks the blocks from data[at] on; *end: where they end. *out and what goes with it may have changed although
+ * something is wrong. */
+static const char *sbi_inflate_from(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t at,
+                                    size_t limit, unsigned char **out, size_t out_size, size_t *out_capacity,
+                                    size_t *end, size_t *out_end)
 {
     sbi_inflater z;
-    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
-        return "it has no zlib header";
     memset(&z, 0, sizeof z);
     z.allocator = allocator;
     z.data = data;
     z.size = size;
-    z.at = 2;
+    z.at = at;
     z.out = *out;
-    z.out_start = z.out_size = *out_size;
+    z.out_start = z.out_size = out_size;
     z.out_capacity = *out_capacity;
     z.limit = limit;
     sbi_inflate_blocks(&z);
     *out = z.out; /* which may have moved, also when something went wrong */
     *out_capacity = z.out_capacity;
-    if (z.wrong)
-        return z.wrong;
-    z.at -= (size_t)(z.bit_count / 8);
-    if (size - z.at < 4)
+    *end = z.at - (size_t)(z.bit_count / 8);
+    *out_end = z.out_size;
+    return z.wrong;
+}
+
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0;
+    const char *wrong;
+    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
+        return "it has no zlib header";
+    wrong = sbi_inflate_from(allocator, data, size, 2, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 4)
         return "its checksum is missing";
-    if (sbi_inflate_checksum(z.out ? z.out + z.out_start : NULL, z.out_size - z.out_start) !=
-        ((uint32_t)data[z.at] << 24 | (uint32_t)data[z.at + 1] << 16 | (uint32_t)data[z.at + 2] << 8 | data[z.at + 3]))
+    if (sbi_inflate_checksum(*out ? *out + *out_size : NULL, out_end - *out_size) !=
+        ((uint32_t)data[end] << 24 | (uint32_t)data[end + 1] << 16 | (uint32_t)data[end + 2] << 8 | data[end + 3]))
         return "its checksum is wrong";
-    *out_size = z.out_size;
+    *out_size = out_end;
+    return NULL;
+}
+
+/* CRC-32 of RFC 1952, four bits at a time. */
+static uint32_t sbi_inflate_crc(const unsigned char *data, size_t size)
+{
+    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
+                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
+                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Bytes of the header of a gzip member; 0: it is none, or cut off. */
+static size_t sbi_inflate_gzip_header(const unsigned char *data, size_t size)
+{
+    enum { EXTRA = 4, NAME = 8, COMMENT = 16, CHECKSUM = 2, RESERVED = 0xE0 };
+    size_t at = 10;
+    if (size < 18 || data[0] != 0x1F || data[1] != 0x8B || data[2] != 8 || (data[3] & RESERVED))
+        return 0;
+    if (data[3] & EXTRA)
+        at += 2u + (data[10] | (size_t)data[11] << 8);
+    for (int flag = NAME; flag <= COMMENT; flag *= 2)
+        if (data[3] & flag) {
+            while (at < size && data[at])
+                at++;
+            at++;
+        }
+    if (data[3] & CHECKSUM)
+        at += 2;
+    return at < size ? at : 0;
+}
+
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0, at = sbi_inflate_gzip_header(data, size), length;
+    const char *wrong;
+    uint32_t tail[2] = {0, 0};
+    if (at == 0)
+        return "it has no gzip header";
+    wrong = sbi_inflate_from(allocator, data, size, at, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 8)
+        return "its checksum is missing";
+    for (size_t i = 0; i < 8; i++)
+        tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
+    length = out_end - *out_size;
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+        return "its checksum is wrong";
+    if (size - end > 8)
+        return "something follows its end";
+    *out_size = out_end;
     return NULL;
 }
 
@@ -16169,6 +16594,7 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
  *       <AppendedData encoding=> _ ... */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 typedef enum sbi_vtu_format { SBI_VTU_ASCII = 0, SBI_VTU_BASE64 = 1, SBI_VTU_RAW = 2 } sbi_vtu_format;
@@ -16211,6 +16637,9 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
+    int image;       /* ImageData, and the loader wants an image */
+    int extent[6];   /* of the image: first and last point along each axis */
+    int labels_in_cells; /* where the array lies that `regions` holds */
     int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
     sbi_word compressor; /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
@@ -16680,7 +17109,15 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     if (!sbi_xml_attribute(&vtu->xml, "type", &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "<VTKFile> without a type");
     vtu->polydata = sbi_word_equals(word, "PolyData");
-    if (!vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
+    vtu->image = sbi_word_equals(word, "ImageData");
+    if (vtu->image && !vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                               "ImageData is an image, not a mesh: sb_image_load reads it, sb_image_surface makes a "
+                               "surface of its labels");
+    if (!vtu->image && vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtu->image && !vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
                                "VTK XML data set %s: only UnstructuredGrid and PolyData are read",
                                sbi_word_print(word, text));
@@ -16700,6 +17137,102 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     return SB_OK;
 }
 
+/* An attribute of `count` numbers; values stay where there is none. */
+static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int count, double *values)
+{
+    sbi_reader text = vtu->loader->reader;
+    sbi_word word, more;
+    sb_result result;
+    if (!sbi_xml_attribute(&vtu->xml, name, &word))
+        return SB_OK;
+    text.data = word.text;
+    text.size = word.length;
+    text.at = 0;
+    result = sbi_voxels_read_reals(&text, name, count, values);
+    if (!result && sbi_reader_word(&text, &more))
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has more than %d numbers", name, count);
+    return result;
+}
+
+/* An attribute that tells the first and last point along each axis. */
+static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
+{
+    double numbers[6] = {0, -1, 0, -1, 0, -1};
+    sb_result result = sbi_vtu_reals_attribute(vtu, name, 6, numbers);
+    for (int i = 0; i < 6 && !result; i++) {
+        if (!(fabs(numbers[i]) < INT_MAX / 2) || floor(numbers[i]) < numbers[i])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has a number that is no index", name);
+        extent[i] = (int)numbers[i];
+        if (i % 2 == 1 && extent[i] < extent[i - 1])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s is missing or empty", name);
+    }
+    return result;
+}
+
+/* Origin and Spacing are those of the point (0, 0, 0), which the extent need not have. */
+static sb_result sbi_vtu_image_tag(sbi_vtu *vtu)
+{
+    sbi_voxels *voxels = vtu->loader->voxels;
+    double rows[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "WholeExtent", vtu->extent);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Origin", 3, voxels->origin);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Spacing", 3, voxels->spacing);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Direction", 9, rows);
+    if (!result)
+        result = sbi_voxels_check_spacing(&vtu->loader->reader, voxels->spacing);
+    for (int axis = 0; axis < 3 && !result; axis++) {
+        voxels->points[axis] = vtu->extent[2 * axis + 1] - vtu->extent[2 * axis] + 1;
+        for (int k = 0; k < 3; k++)
+            voxels->direction[axis][k] = rows[3 * k + axis];
+    }
+    for (int k = 0; k < 3 && !result; k++)
+        for (int axis = 0; axis < 3; axis++)
+            voxels->origin[k] += voxels->direction[axis][k] * voxels->spacing[axis] * vtu->extent[2 * axis];
+    if (!result && sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return result;
+}
+
+static sb_result sbi_vtu_image_piece_tag(sbi_vtu *vtu)
+{
+    int extent[6] = {0, 0, 0, 0, 0, 0};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "Extent", extent);
+    if (!result && memcmp(extent, vtu->extent, sizeof extent) != 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED,
+                               "an image in several pieces: save it as one piece");
+    return result;
+}
+
+/* At </Piece>: the array that was noted becomes the labels. */
+static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
+{
+    sbi_loader *loader = vtu->loader;
+    sbi_vtu_values values;
+    int count = sbi_voxels_count(loader->voxels, vtu->labels_in_cells);
+    sb_result result;
+    vtu->in_piece = 0;
+    if (!vtu->regions.present || loader->voxels->labels)
+        return SB_OK;
+    result = sbi_vtu_open(vtu, &vtu->regions, &values);
+    if (!result)
+        result = sbi_vtu_check_count(&values, "labels", count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtu->labels_in_cells);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtu_real(&values, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, &values.reader, i, value);
+    }
+    if (!result)
+        result = sbi_vtu_expect_end(&values, "the voxels");
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
     static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
@@ -16710,6 +17243,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
     vtu->in_piece = 1;
     vtu->section = SBI_VTU_ELSEWHERE;
     vtu->points.present = vtu->types.present = vtu->regions.present = 0;
+    if (vtu->image)
+        return sbi_vtu_image_piece_tag(vtu);
     result = sbi_vtu_integer_attribute(vtu, "NumberOfPoints", 0, &vtu->point_count);
     for (int i = 0; i < SBI_VTU_LISTS && !result; i++) {
         vtu->offsets[i].present = vtu->connectivity[i].present = 0;
@@ -16789,14 +17324,27 @@ static int sbi_vtu_is_region(sbi_vtu *vtu, const sbi_vtu_array *array)
            sbi_word_equals(array->name, loader->region_field);
 }
 
+/* The first array of one number per point becomes the labels, else the first one of the cells. */
+static void sbi_vtu_note_labels(sbi_vtu *vtu, const sbi_vtu_array *array)
+{
+    int in_cells = vtu->section == SBI_VTU_CELL_DATA, wanted = in_cells || vtu->section == SBI_VTU_POINT_DATA;
+    if (!wanted || !array->class_ || array->components != 1 ||
+        (vtu->regions.present && (in_cells || !vtu->labels_in_cells)))
+        return;
+    vtu->regions = *array;
+    vtu->labels_in_cells = in_cells;
+}
+
 static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 {
     sbi_vtu_array array, *kept;
     sb_result result = sbi_vtu_array_tag(vtu, &array);
     if (result)
         return result;
-    kept = sbi_vtu_find_array(vtu, array.name);
-    if (kept)
+    kept = vtu->image ? NULL : sbi_vtu_find_array(vtu, array.name);
+    if (vtu->image)
+        sbi_vtu_note_labels(vtu, &array);
+    else if (kept)
         *kept = array;
     else if (vtu->section == SBI_VTU_CELL_DATA && sbi_vtu_is_region(vtu, &array))
         vtu->regions = array;
@@ -16818,8 +17366,13 @@ static sb_result sbi_vtu_start(sbi_vtu *vtu)
     if (sbi_word_equals(name, "VTKFile"))
         return vtu->has_file ? sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <VTKFile>")
                              : sbi_vtu_file_tag(vtu);
-    if (sbi_word_equals(name, vtu->polydata ? "PolyData" : "UnstructuredGrid"))
+    if (sbi_word_equals(name, vtu->image ? "ImageData" : vtu->polydata ? "PolyData" : "UnstructuredGrid")) {
+        if (vtu->image && vtu->has_grid)
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <ImageData>");
         vtu->has_grid = 1;
+        if (vtu->image)
+            return sbi_vtu_image_tag(vtu);
+    }
     if (sbi_word_equals(name, "Piece"))
         return sbi_vtu_piece_tag(vtu);
     for (int i = 0; i < SBI_VTU_ELSEWHERE && vtu->in_piece; i++)
@@ -16834,7 +17387,7 @@ static sb_result sbi_vtu_stop(sbi_vtu *vtu)
 {
     sbi_word name = vtu->xml.name;
     if (sbi_word_equals(name, "Piece") && vtu->in_piece)
-        return sbi_vtu_read_piece(vtu);
+        return vtu->image ? sbi_vtu_read_image(vtu) : sbi_vtu_read_piece(vtu);
     if (!sbi_word_equals(name, "DataArray") && !sbi_word_equals(name, "InformationKey"))
         vtu->section = SBI_VTU_ELSEWHERE;
     return SB_OK;
@@ -17831,6 +18384,1482 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
                                sbi_word_print(word, text));
     return result;
+}
+
+/* ==== src/softbody/mesh/image.c ==== */
+/* image: label images, their files as a whole, and how points find their voxels. */
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+
+/* ==== voxels being read =============================================================================== */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels)
+{
+    memset(voxels, 0, sizeof *voxels);
+    for (int k = 0; k < 3; k++)
+        voxels->spacing[k] = voxels->direction[k][k] = 1;
+}
+
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values)
+{
+    double read[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    sb_result result = SB_OK;
+    for (int i = 0; i < count && !result; i++)
+        result = sbi_reader_real(reader, what, &read[i]);
+    if (!result)
+        memcpy(values, read, (size_t)count * sizeof *values);
+    return result;
+}
+
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3])
+{
+    for (int k = 0; k < 3; k++)
+        if (!(spacing[k] > 0))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "a spacing of %g: it must be above 0", spacing[k]);
+    return SB_OK;
+}
+
+/* Voxels along an axis. A direction with one point only has one layer of cells all the same. */
+static int sbi_voxels_along(int points, int in_cells) { return in_cells && points > 1 ? points - 1 : points; }
+
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells)
+{
+    int64_t count = 1;
+    for (int k = 0; k < 3; k++) {
+        count *= sbi_voxels_along(voxels->points[k], in_cells);
+        if (count > INT_MAX)
+            return 0;
+    }
+    return (int)count;
+}
+
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells)
+{
+    sbi_voxels *voxels = loader->voxels;
+    int count = sbi_voxels_count(voxels, in_cells);
+    if (count == 0)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    voxels->labels = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!voxels->labels)
+        return sbi_loader_no_memory(loader);
+    for (int axis = 0; axis < 3; axis++) {
+        int points = voxels->points[axis];
+        voxels->counts[axis] = sbi_voxels_along(points, in_cells);
+        for (int k = 0; k < 3 && voxels->counts[axis] < points; k++) /* from the first corner to the first centre */
+            voxels->origin[k] += 0.5 * voxels->spacing[axis] * voxels->direction[axis][k];
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value)
+{
+    if (value - value != 0)
+        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "voxel %d is not finite", voxel);
+    if (value < (double)INT_MIN || value > (double)INT_MAX || floor(value) < value)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                               "voxel %d is %g: labels are whole numbers that an int holds (is this a label image?)",
+                               voxel, value);
+    loader->voxels->labels[voxel] = (int)value;
+    return SB_OK;
+}
+
+/* ==== data behind a header ============================================================================ */
+
+static sb_result sbi_voxels_read_text(sbi_loader *loader, sbi_reader *reader, int count)
+{
+    sbi_word word;
+    sb_result result = sbi_reader_check_count(reader, "the number of voxels", count, 2, &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_reader_real(reader, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, reader, i, value);
+    }
+    if (!result && sbi_reader_word(reader, &word))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file has more numbers than the %d voxels need", count);
+    return result;
+}
+
+/* The voxels are all that `reader` has left. */
+static sb_result sbi_voxels_read_raw(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    size_t left = sbi_reader_left(reader), size = (size_t)data->size;
+    const unsigned char *bytes;
+    sb_result result;
+    if (left / size < (size_t)count)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%d voxels of %d bytes are announced, but %llu bytes are there",
+                               count, data->size, (unsigned long long)left);
+    if (left != (size_t)count * size)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%llu bytes follow the %d voxels",
+                               (unsigned long long)(left - (size_t)count * size), count);
+    bytes = sbi_reader_bytes(reader, (size_t)count, size, "the voxels");
+    result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++, bytes += size) {
+        double value = data->class_ == 'f'   ? sbi_decode_float(reader, bytes, data->size)
+                       : data->class_ == 'i' ? (double)sbi_decode_signed(reader, bytes, data->size)
+                                             : (double)sbi_decode_bits(reader, bytes, data->size);
+        result = sbi_voxels_set(loader, reader, i, value);
+    }
+    return result;
+}
+
+static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    const unsigned char *bytes = (const unsigned char *)reader->data + reader->at;
+    size_t size = 0, capacity = 0, limit = 0;
+    unsigned char *out = NULL;
+    const char *wrong = sbi_size_add(&limit, (size_t)count, (size_t)data->size) ? NULL : "";
+    sb_result result;
+    if (!wrong)
+        wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(
+            &loader->allocator, bytes, sbi_reader_left(reader), limit, &out, &size, &capacity);
+    if (wrong && !wrong[0])
+        result = sbi_loader_no_memory(loader);
+    else if (wrong)
+        result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "the packed voxels cannot be unpacked: %s", wrong);
+    else {
+        sbi_reader unpacked = *reader;
+        unpacked.data = out ? (const char *)out : "";
+        unpacked.size = size;
+        unpacked.at = 0;
+        result = sbi_voxels_read_raw(loader, &unpacked, data, count);
+    }
+    sbi_free(&loader->allocator, out);
+    return result;
+}
+
+/* Reads what a header described from the reader's place to its end. */
+static sb_result sbi_voxels_read_data(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data)
+{
+    int count = sbi_voxels_count(loader->voxels, 0);
+    if (count == 0)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    if (data->encoding == SBI_VOXELS_TEXT)
+        return sbi_voxels_read_text(loader, reader, count);
+    reader->binary = 1;
+    reader->big_endian = data->big_endian;
+    return data->encoding == SBI_VOXELS_RAW ? sbi_voxels_read_raw(loader, reader, data, count)
+                                            : sbi_voxels_read_packed(loader, reader, data, count);
+}
+
+/* ==== files =========================================================================================== */
+
+typedef enum sbi_image_format {
+    SBI_IMAGE_NONE = 0,
+    SBI_IMAGE_VTK = 1,
+    SBI_IMAGE_VTI = 2,
+    SBI_IMAGE_META = 3,
+    SBI_IMAGE_NRRD = 4
+} sbi_image_format;
+
+static int sbi_image_begins(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    return size >= length && memcmp(data, text, length) == 0;
+}
+
+/* By what the file begins with: whether it may be an image is for its reader to say. */
+static sbi_image_format sbi_image_detect(const char *data, size_t size)
+{
+    if (sbi_image_begins(data, size, "# vtk DataFile"))
+        return SBI_IMAGE_VTK;
+    if (sbi_image_begins(data, size, "NRRD000"))
+        return SBI_IMAGE_NRRD;
+    if (sbi_image_begins(data, size, "ObjectType") || sbi_image_begins(data, size, "NDims"))
+        return SBI_IMAGE_META;
+    while (size > 0 && (*data == ' ' || *data == '\n' || *data == '\r' || *data == '\t'))
+        data++, size--;
+    return size > 0 && *data == '<' ? SBI_IMAGE_VTI : SBI_IMAGE_NONE;
+}
+
+/* 1 when `text` stands among the first bytes. */
+static int sbi_image_has(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    for (size_t i = 0; i + length <= size; i++)
+        if (memcmp(data + i, text, length) == 0)
+            return 1;
+    return 0;
+}
+
+SB_API int sb_image_is_file(const char *path)
+{
+    char start[1024]; /* the title line of VTK's files has at most 256 characters */
+    FILE *file = path ? fopen(path, "rb") : NULL;
+    size_t size;
+    if (!file)
+        return 0;
+    size = fread(start, 1, sizeof start, file);
+    fclose(file);
+    switch (sbi_image_detect(start, size)) {
+    case SBI_IMAGE_VTK: return sbi_image_has(start, size, "STRUCTURED_POINTS");
+    case SBI_IMAGE_VTI: return sbi_image_has(start, size, "ImageData");
+    case SBI_IMAGE_META:
+    case SBI_IMAGE_NRRD: return 1;
+    case SBI_IMAGE_NONE: break;
+    }
+    return 0;
+}
+
+/* The path of a file beside another one; NULL without memory. */
+static char *sbi_image_beside(const sb_allocator *allocator, const char *path, sbi_word name)
+{
+    size_t folder = 0;
+    char *joined;
+    for (size_t i = 0; path[i]; i++)
+        if (path[i] == '/' || path[i] == '\\')
+            folder = i + 1;
+    joined = (char *)sbi_alloc(allocator, folder + name.length + 1, 1);
+    if (joined) {
+        memcpy(joined, path, folder);
+        memcpy(joined + folder, name.text, name.length);
+        joined[folder + name.length] = 0;
+    }
+    return joined;
+}
+
+/* The voxels of a header file, which is untrusted: it must not make us open whatever it likes. */
+static sb_result sbi_image_read_detached(sbi_loader *loader, const sbi_voxel_data *data, const char *path)
+{
+    sbi_file content;
+    sbi_reader reader;
+    char *name, text[32];
+    sb_result result;
+    if (!path)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                               "the voxels are in the file %s: load the header by its path",
+                               sbi_word_print(data->file, text));
+    for (size_t i = 0; i < data->file.length; i++)
+        if (strchr("/\\:", data->file.text[i])) /* also a NUL */
+            return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                                   "the data file %s is not beside the header: only those are read",
+                                   sbi_word_print(data->file, text));
+    name = sbi_image_beside(&loader->allocator, path, data->file);
+    if (!name)
+        return sbi_loader_no_memory(loader);
+    result = sbi_file_read(&loader->allocator, name, &content, loader->reader.error);
+    if (!result) {
+        sbi_reader_init(&reader, content.data, content.size, name, loader->reader.error);
+        result = sbi_voxels_read_data(loader, &reader, data);
+    }
+    sbi_free(&loader->allocator, content.data);
+    sbi_free(&loader->allocator, name);
+    return result;
+}
+
+static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_image_format format = sbi_image_detect(reader->data, reader->size);
+    sbi_voxel_data data;
+    sb_result result;
+    memset(&data, 0, sizeof data);
+    switch (format) {
+    case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
+    case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
+    case SBI_IMAGE_META: result = sbi_meta_read(loader, &data); break;
+    case SBI_IMAGE_NRRD: result = sbi_nrrd_read(loader, &data); break;
+    default:
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is %s",
+                               reader->size ? "no image of VTK's, no MetaImage and no NRRD" : "empty");
+    }
+    if (result)
+        return result;
+    return data.has_file ? sbi_image_read_detached(loader, &data, path) : sbi_voxels_read_data(loader, reader, &data);
+}
+
+/* What was read, scaled and with axes of length 1, as an image. */
+static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
+{
+    sbi_voxels *voxels = loader->voxels;
+    sb_real *origin[3], *spacing[3];
+    sb_image made;
+    sb_error error;
+    if (!voxels->labels)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+    memset(&made, 0, sizeof made);
+    origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
+    spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
+    for (int axis = 0; axis < 3; axis++) {
+        const double *d = voxels->direction[axis];
+        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        double room = (double)SB_REAL_MAX, o = voxels->origin[axis] * loader->scale;
+        double s = voxels->spacing[axis] * loader->scale * length;
+        if (!(length > 0) || !(fabs(o) <= room) || !(s <= room))
+            return sbi_reader_fail(&loader->reader, SB_ERROR_NOT_FINITE,
+                                   "axis %d: a direction of length %g, spacing %g, origin %g", axis, length, s, o);
+        made.counts[axis] = voxels->counts[axis];
+        *origin[axis] = (sb_real)o;
+        *spacing[axis] = (sb_real)s;
+        for (int k = 0; k < 3; k++)
+            made.direction.m[k][axis] = (sb_real)(d[k] / length);
+    }
+    made.labels = voxels->labels;
+    made.allocator = loader->allocator;
+    if (sb_image_check(&made, &error) != SB_OK)
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
+                               error.message);
+    voxels->labels = NULL;
+    *image = made;
+    return SB_OK;
+}
+
+/* path: NULL when the content came from memory. */
+static sb_result sbi_image_read(sb_image *image, const char *data, size_t size, const char *name, const char *path,
+                                const sb_load_options *options, sb_error *error)
+{
+    sbi_loader loader;
+    sbi_voxels voxels;
+    sb_result result;
+    sbi_voxels_init(&voxels);
+    sbi_loader_init(&loader, options, error);
+    loader.voxels = &voxels;
+    sbi_loader_set_content(&loader, data, size, name);
+    result = sbi_image_parse(&loader, path);
+    if (!result)
+        result = sbi_image_make(&loader, image);
+    sbi_free(&loader.allocator, voxels.labels);
+    sbi_loader_free(&loader);
+    return result;
+}
+
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || (!data && size))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "data" : "image");
+    return sbi_image_read(image, size ? (const char *)data : "", size, name, NULL, &resolved, error);
+}
+
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sbi_file content;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "path" : "image");
+    result = sbi_file_read(&resolved.allocator, path, &content, error);
+    if (!result)
+        result = sbi_image_read(image, content.data, content.size, path, path, &resolved, error);
+    sbi_free(&resolved.allocator, content.data);
+    return result;
+}
+
+SB_API void sb_image_free(sb_image *image)
+{
+    if (!image)
+        return;
+    sbi_free(&image->allocator, image->labels);
+    memset(image, 0, sizeof *image);
+}
+
+/* ==== images ========================================================================================== */
+
+/* How flat the axes may lie: the volume of the parallelepiped of their unit vectors. */
+#define SBI_IMAGE_LEAST_VOLUME 1e-3
+
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error)
+{
+    int64_t count = 1;
+    sb_vec3 s;
+    if (!image || !image->labels)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "labels" : "image");
+    for (int axis = 0; axis < 3; axis++) {
+        if (image->counts[axis] < 1)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts[%d] is %d", axis, image->counts[axis]);
+        count *= image->counts[axis];
+        if (count > INT_MAX)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts: more than 2147483647 voxels");
+    }
+    s = image->spacing;
+    if (!sb_v3_is_finite(image->origin) || !sb_v3_is_finite(s))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "origin or spacing is not finite");
+    if (!(s.x > 0) || !(s.y > 0) || !(s.z > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "spacing: %g %g %g must be above 0", (double)s.x, (double)s.y,
+                        (double)s.z);
+    for (int axis = 0; axis < 3; axis++) {
+        sb_vec3 d = sb_m3_column(image->direction, axis);
+        if (!sb_v3_is_finite(d))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "direction: column %d is not finite", axis);
+        if (!(fabs((double)sb_v3_dot(d, d) - 1) < 1e-3))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: column %d is not of length 1", axis);
+    }
+    if (!(fabs((double)sb_m3_det(image->direction)) >= SBI_IMAGE_LEAST_VOLUME))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: the axes lie in a plane");
+    if (!(s.x * (sb_real)image->counts[0] + s.y * (sb_real)image->counts[1] + s.z * (sb_real)image->counts[2] <=
+          SB_REAL_MAX / 4))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "spacing: the image is larger than numbers reach");
+    return SB_OK;
+}
+
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label)
+{
+    int found = 0, next = 0;
+    size_t count;
+    if (!label || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    count = (size_t)image->counts[0] * (size_t)image->counts[1] * (size_t)image->counts[2];
+    for (size_t i = 0; i < count; i++) {
+        int value = image->labels[i];
+        if (value > after && (!found || value < next)) {
+            next = value;
+            found = 1;
+        }
+    }
+    if (found)
+        *label = next;
+    return found;
+}
+
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image)
+{
+    const sb_mat3 *d = &image->direction;
+    sb_mat3 turn = sb_m3_inverse(*d);
+    sbi_image_frame frame;
+    frame.origin = image->origin;
+    frame.axes = sb_m3_columns(sb_v3_scale(image->spacing.x, sb_m3_column(*d, 0)),
+                               sb_v3_scale(image->spacing.y, sb_m3_column(*d, 1)),
+                               sb_v3_scale(image->spacing.z, sb_m3_column(*d, 2)));
+    for (int k = 0; k < 3; k++) {
+        frame.inverse.m[0][k] = turn.m[0][k] / image->spacing.x;
+        frame.inverse.m[1][k] = turn.m[1][k] / image->spacing.y;
+        frame.inverse.m[2][k] = turn.m[2][k] / image->spacing.z;
+    }
+    return frame;
+}
+
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_vec3 at = sb_m3_apply(frame->inverse, sb_v3_sub(point, frame->origin));
+    sb_real along[3];
+    size_t index[3];
+    along[0] = at.x, along[1] = at.y, along[2] = at.z;
+    for (int k = 0; k < 3; k++) {
+        sb_real cell = along[k] + (sb_real)0.5; /* voxels reach half a spacing around their centres */
+        if (!(cell >= 0) || !(cell < (sb_real)image->counts[k]))
+            return 0;
+        index[k] = (size_t)cell;
+    }
+    return image->labels[(index[2] * (size_t)image->counts[1] + index[1]) * (size_t)image->counts[0] + index[0]];
+}
+
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point)
+{
+    sbi_image_frame frame;
+    if (!sb_v3_is_finite(point) || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    frame = sbi_image_get_frame(image);
+    return sbi_image_lookup(image, &frame, point);
+}
+#undef SBI_IMAGE_LEAST_VOLUME
+
+/* ==== src/softbody/mesh/image_files.c ==== */
+/* image_files: the headers of MetaImage and NRRD. Sources: "MetaIO" (itk.org/Wiki/MetaIO/Documentation), "Definition of
+ * NRRD File Format" (teem.sourceforge.net/nrrd/format.html). */
+
+#include <limits.h>
+#include <string.h>
+
+/* A line of a header: what stands before and behind its sign. */
+typedef struct sbi_header_line {
+    sbi_word key;
+    sbi_word rest;
+    sbi_reader value; /* of `rest` only */
+} sbi_header_line;
+
+static int sbi_header_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+
+static sbi_word sbi_header_trim(const char *begin, const char *end)
+{
+    sbi_word word;
+    while (begin < end && sbi_header_blank(*begin))
+        begin++;
+    while (end > begin && sbi_header_blank(end[-1]))
+        end--;
+    word.text = begin;
+    word.length = (size_t)(end - begin);
+    return word;
+}
+
+/* The next line, cut at the first `sign`; the reader stands at the line after it. 0: the line has no such sign. */
+static int sbi_header_next(sbi_reader *reader, char sign, sbi_header_line *line)
+{
+    const char *begin = reader->data + reader->at;
+    const char *end = (const char *)memchr(begin, '\n', sbi_reader_left(reader));
+    const char *cut;
+    if (!end)
+        end = reader->data + reader->size;
+    cut = (const char *)memchr(begin, sign, (size_t)(end - begin));
+    line->key = sbi_header_trim(begin, cut ? cut : end);
+    line->rest = cut ? sbi_header_trim(cut + 1, end) : sbi_header_trim(end, end);
+    line->value = *reader;
+    line->value.data = line->rest.text;
+    line->value.size = line->rest.length;
+    line->value.at = 0;
+    reader->at = (size_t)(end - reader->data);
+    if (reader->at < reader->size) {
+        reader->at++;
+        if (reader->line < INT_MAX)
+            reader->line++;
+    }
+    return cut != NULL;
+}
+
+static sb_result sbi_header_integer(sbi_header_line *line, const char *what, int *value)
+{
+    return sbi_reader_count(&line->value, what, 0, value);
+}
+
+static sb_result sbi_header_counts(sbi_header_line *line, int dimension, int points[3])
+{
+    sb_result result = SB_OK;
+    points[2] = 1;
+    for (int k = 0; k < dimension && !result; k++) {
+        result = sbi_header_integer(line, "the number of voxels", &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "0 voxels along an axis");
+    }
+    return result;
+}
+
+static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
+{
+    sb_result result = sbi_header_integer(line, "the dimension", dimension);
+    if (!result && *dimension != 2 && *dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
+                               *dimension);
+    return result;
+}
+
+/* ---- MetaImage ---- */
+
+typedef struct sbi_meta {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_spacing, text;
+} sbi_meta;
+
+static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
+{
+    static const struct {
+        char name[16];
+        char class_;
+        int size;
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+                 {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        if (sbi_word_is(line->rest, types[i].name)) {
+            meta->data->class_ = types[i].class_;
+            meta->data->size = types[i].size;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+/* Rows are the axes. */
+static sb_result sbi_meta_direction(const sbi_meta *meta, sbi_header_line *line)
+{
+    double rows[9];
+    int n = meta->dimension;
+    sb_result result = sbi_voxels_read_reals(&line->value, "direction", n * n, rows);
+    for (int i = 0; i < n * n && !result; i++)
+        meta->voxels->direction[i / n][i % n] = rows[i];
+    return result;
+}
+
+static int sbi_meta_is(const sbi_header_line *line, const char *a, const char *b, const char *c)
+{
+    return sbi_word_is(line->key, a) || sbi_word_is(line->key, b) || sbi_word_is(line->key, c);
+}
+
+static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
+{
+    sb_result result = SB_OK;
+    if (!meta->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "NDims must come before it");
+    if (sbi_word_is(line->key, "DimSize")) {
+        meta->has_counts = 1;
+        return sbi_header_counts(line, meta->dimension, meta->voxels->points);
+    }
+    if (sbi_meta_is(line, "Offset", "Position", "Origin"))
+        return sbi_voxels_read_reals(&line->value, "origin", meta->dimension, meta->voxels->origin);
+    if (sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_direction(meta, line);
+    if (sbi_word_is(line->key, "ElementSize") && meta->has_spacing)
+        return SB_OK;
+    meta->has_spacing |= sbi_word_is(line->key, "ElementSpacing");
+    result = sbi_voxels_read_reals(&line->value, "spacing", meta->dimension, meta->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, meta->voxels->spacing);
+}
+
+static int sbi_meta_is_true(const sbi_header_line *line)
+{
+    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+}
+
+/* A line other than ElementDataFile. */
+static sb_result sbi_meta_line(sbi_meta *meta, sbi_header_line *line)
+{
+    int number = 0;
+    sb_result result;
+    if (sbi_word_is(line->key, "NDims"))
+        return sbi_header_dimension(line, &meta->dimension);
+    if (sbi_meta_is(line, "DimSize", "ElementSpacing", "ElementSize") ||
+        sbi_meta_is(line, "Offset", "Position", "Origin") ||
+        sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_geometry(meta, line);
+    if (sbi_word_is(line->key, "ElementType"))
+        return sbi_meta_type(meta, line);
+    if (sbi_word_is(line->key, "BinaryDataByteOrderMSB") || sbi_word_is(line->key, "ElementByteOrderMSB"))
+        meta->data->big_endian = sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "BinaryData"))
+        meta->text = !sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "CompressedData") && sbi_meta_is_true(line))
+        meta->data->encoding = SBI_VOXELS_ZLIB;
+    if (sbi_word_is(line->key, "ObjectType") && !sbi_word_is(line->rest, "Image"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a MetaIO object that is no image");
+    if (sbi_word_is(line->key, "HeaderSize") && !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    if (!sbi_word_is(line->key, "ElementNumberOfChannels"))
+        return SB_OK;
+    result = sbi_header_integer(line, "the number of channels", &number);
+    if (!result && number != 1)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "%d values per voxel: labels have one", number);
+    return result;
+}
+
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_meta meta;
+    sb_result result = SB_OK;
+    memset(&meta, 0, sizeof meta);
+    meta.voxels = loader->voxels;
+    meta.data = data;
+    for (;;) {
+        if (!sbi_reader_left(reader))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends without ElementDataFile");
+        if (!sbi_header_next(reader, '=', &line) && line.key.length)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \"=\"");
+        if (sbi_word_is(line.key, "ElementDataFile"))
+            break;
+        result = line.key.length ? sbi_meta_line(&meta, &line) : SB_OK;
+        if (result)
+            return result;
+    }
+    if (!meta.has_counts || !data->class_)
+        return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "the header has no %s",
+                               meta.has_counts ? "ElementType" : "DimSize");
+    if (meta.text)
+        data->encoding = SBI_VOXELS_TEXT;
+    data->has_file = !sbi_word_is(line.rest, "LOCAL");
+    data->file = line.rest;
+    if (sbi_word_is(line.rest, "LIST") || memchr(line.rest.text, '%', line.rest.length))
+        return sbi_reader_fail(&line.value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    return SB_OK;
+}
+
+/* ---- NRRD ---- */
+
+typedef struct sbi_nrrd {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_encoding, has_endian;
+} sbi_nrrd;
+
+static sb_result sbi_nrrd_type(const sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char names[5][24];
+        char class_;
+        int size;
+    } types[] = {{{"signed char", "int8", "int8_t", "", ""}, 'i', 1},
+                 {{"uchar", "unsigned char", "uint8", "uint8_t", ""}, 'u', 1},
+                 {{"short", "short int", "signed short", "int16", "int16_t"}, 'i', 2},
+                 {{"ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"}, 'u', 2},
+                 {{"int", "signed int", "int32", "int32_t", ""}, 'i', 4},
+                 {{"uint", "unsigned int", "uint32", "uint32_t", ""}, 'u', 4},
+                 {{"longlong", "long long", "long long int", "int64", "int64_t"}, 'i', 8},
+                 {{"ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"}, 'u', 8},
+                 {{"float", "", "", "", ""}, 'f', 4},
+                 {{"double", "", "", "", ""}, 'f', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        for (int k = 0; k < 5 && types[i].names[k][0]; k++)
+            if (sbi_word_is(line->rest, types[i].names[k])) {
+                nrrd->data->class_ = types[i].class_;
+                nrrd->data->size = types[i].size;
+                return SB_OK;
+            }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char name[8];
+        sbi_voxel_encoding encoding;
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    char text[32];
+    nrrd->has_encoding = 1;
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (sbi_word_is(line->rest, known[i].name)) {
+            nrrd->data->encoding = known[i].encoding;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "encoding %s: raw, text and gzip are read",
+                           sbi_word_print(line->rest, text));
+}
+
+/* "(x,y,z)", blanks allowed: one vector. */
+static sb_result sbi_nrrd_vector(sbi_reader *value, double v[3])
+{
+    int at = 0;
+    while (value->at < value->size && sbi_header_blank(value->data[value->at]))
+        value->at++;
+    if (value->at >= value->size || value->data[value->at] != '(')
+        return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector like (1,0,0) is missing");
+    value->at++;
+    for (;;) {
+        size_t end = value->at;
+        sbi_word word;
+        int parsed;
+        while (end < value->size && value->data[end] != ',' && value->data[end] != ')')
+            end++;
+        word = sbi_header_trim(value->data + value->at, value->data + end);
+        if (end >= value->size || at == 3)
+            return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector that has not three numbers");
+        parsed = sbi_parse_real(word.text, word.length, &v[at++]);
+        if (parsed <= 0)
+            return sbi_reader_fail(value, parsed ? SB_ERROR_NOT_FINITE : SB_ERROR_FORMAT, "a vector with what is %s",
+                                   parsed ? "not finite" : "no number");
+        value->at = end + 1;
+        if (value->data[end] == ')')
+            break;
+    }
+    return at == 3 ? SB_OK
+                   : sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector of %d numbers: label images need 3", at);
+}
+
+static sb_result sbi_nrrd_directions(const sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    double v[3][3];
+    sb_result result = SB_OK;
+    if (nrrd->dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "space directions of an image that has not three axes");
+    for (int axis = 0; axis < 3 && !result; axis++)
+        result = sbi_nrrd_vector(&line->value, v[axis]);
+    for (int axis = 0; axis < 3 && !result; axis++) { /* their lengths are the spacing */
+        nrrd->voxels->spacing[axis] = 1;
+        memcpy(nrrd->voxels->direction[axis], v[axis], sizeof v[axis]);
+    }
+    return result;
+}
+
+static sb_result sbi_nrrd_geometry(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    sb_result result;
+    if (sbi_word_is(line->key, "space origin"))
+        return sbi_nrrd_vector(&line->value, nrrd->voxels->origin);
+    if (!nrrd->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "the dimension must come before it");
+    if (sbi_word_is(line->key, "space directions"))
+        return sbi_nrrd_directions(nrrd, line);
+    if (sbi_word_is(line->key, "sizes")) {
+        nrrd->has_counts = 1;
+        return sbi_header_counts(line, nrrd->dimension, nrrd->voxels->points);
+    }
+    result = sbi_voxels_read_reals(&line->value, "spacing", nrrd->dimension, nrrd->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, nrrd->voxels->spacing);
+}
+
+static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    static const char geometry[4][20] = {"space origin", "space directions", "sizes", "spacings"};
+    if (sbi_word_is(line->key, "dimension"))
+        return sbi_header_dimension(line, &nrrd->dimension);
+    for (int i = 0; i < 4; i++)
+        if (sbi_word_is(line->key, geometry[i]))
+            return sbi_nrrd_geometry(nrrd, line);
+    if (sbi_word_is(line->key, "type"))
+        return sbi_nrrd_type(nrrd, line);
+    if (sbi_word_is(line->key, "encoding"))
+        return sbi_nrrd_encoding(nrrd, line);
+    if (sbi_word_is(line->key, "endian")) {
+        nrrd->has_endian = 1;
+        nrrd->data->big_endian = sbi_word_is(line->rest, "big");
+        if (!nrrd->data->big_endian && !sbi_word_is(line->rest, "little"))
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "endian is neither big nor little");
+    }
+    if (sbi_word_is(line->key, "data file") || sbi_word_is(line->key, "datafile")) {
+        nrrd->data->has_file = 1;
+        nrrd->data->file = line->rest;
+        if (sbi_word_is(line->rest, "LIST") || memchr(line->rest.text, '%', line->rest.length))
+            return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    }
+    if ((sbi_word_is(line->key, "byte skip") || sbi_word_is(line->key, "line skip") ||
+         sbi_word_is(line->key, "byteskip") || sbi_word_is(line->key, "lineskip")) &&
+        !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    return SB_OK; /* names of axes, units and the like */
+}
+
+static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
+{
+    const char *missing = !nrrd->has_counts       ? "sizes"
+                          : !nrrd->data->class_   ? "type"
+                          : !nrrd->has_encoding   ? "encoding"
+                                                  : NULL;
+    if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
+        missing = "endian";
+    return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;
+}
+
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_nrrd nrrd;
+    sb_result result = SB_OK;
+    memset(&nrrd, 0, sizeof nrrd);
+    nrrd.voxels = loader->voxels;
+    nrrd.data = data;
+    sbi_reader_next_line(reader); /* NRRD0004 */
+    while (sbi_reader_left(reader) && !result) {
+        int has_sign = sbi_header_next(reader, ':', &line);
+        if (!line.key.length && !has_sign)
+            return sbi_nrrd_finish(&nrrd, reader); /* the voxels begin behind the blank line */
+        if (line.key.length && line.key.text[0] == '#')
+            continue;
+        if (!has_sign)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \":\"");
+        if (line.rest.length == 0 || line.rest.text[0] != '=') /* "key:=value" is a remark */
+            result = sbi_nrrd_line(&nrrd, &line);
+    }
+    if (!result && !data->has_file)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in its header");
+    return result ? result : sbi_nrrd_finish(&nrrd, reader);
+}
+
+/* ==== src/softbody/geometry/labels.c ==== */
+/* labels: the surface round labels of an image, and the labels of a mesh's elements. */
+
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+enum { SBI_LABEL_COOKIE = 0x6c61626c };
+
+SB_API sb_label_def sb_default_label_def(void)
+{
+    sb_label_def def;
+    memset(&def, 0, sizeof def);
+    def.smoothing = 2;
+    def.cookie = SBI_LABEL_COOKIE;
+    return def;
+}
+
+/* ==== the field =======================================================================================
+ * A box of values round the labels, with a rim so wide that the filter ends inside it: above 0 inside. */
+
+typedef struct sbi_field_box {
+    const sb_label_def *def;
+    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3];  /* of values along each axis */
+    size_t strides[3];
+    float *filtered; /* [counts[2]][counts[1]][counts[0]] */
+    float *values;   /* of the same size: what is marched, each on its side */
+    int voxels;      /* inside */
+    int held;
+} sbi_field_box;
+
+static int sbi_label_is_chosen(const sb_label_def *def, int label)
+{
+    if (def->label_count == 0)
+        return label != 0;
+    for (int i = 0; i < def->label_count; i++)
+        if (def->labels[i] == label)
+            return 1;
+    return 0;
+}
+
+/* 1 when the voxel that value (i, j, k) belongs to is inside. */
+static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
+{
+    const sb_image *image = box->def->image;
+    int at[3];
+    at[0] = box->low[0] + i, at[1] = box->low[1] + j, at[2] = box->low[2] + k;
+    for (int axis = 0; axis < 3; axis++)
+        if (at[axis] < 0 || at[axis] >= image->counts[axis])
+            return 0;
+    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
+                                                           (size_t)image->counts[0] +
+                                                       (size_t)at[0]]);
+}
+
+/* The box of the chosen voxels and how many there are. */
+static sb_result sbi_field_measure(sbi_field_box *box, sb_error *error)
+{
+    const sb_image *image = box->def->image;
+    const int *label = image->labels;
+    int low[3] = {INT_MAX, INT_MAX, INT_MAX}, high[3] = {-1, -1, -1}, rim = box->def->smoothing + 1;
+    size_t stride = 1;
+    for (int k = 0; k < image->counts[2]; k++)
+        for (int j = 0; j < image->counts[1]; j++)
+            for (int i = 0; i < image->counts[0]; i++, label++) {
+                int at[3];
+                if (!sbi_label_is_chosen(box->def, *label))
+                    continue;
+                box->voxels++;
+                at[0] = i, at[1] = j, at[2] = k;
+                for (int axis = 0; axis < 3; axis++) {
+                    low[axis] = sbi_min_int(low[axis], at[axis]);
+                    high[axis] = sbi_max_int(high[axis], at[axis]);
+                }
+            }
+    if (box->voxels == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: no voxel of the image has %s",
+                        box->def->label_count ? "one of them" : "a label other than 0");
+    for (int axis = 0; axis < 3; axis++) {
+        size_t next = 0;
+        box->low[axis] = low[axis] - rim;
+        if (high[axis] - low[axis] > INT_MAX - 2 * rim - 1)
+            return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the labels reach over too many voxels");
+        box->counts[axis] = high[axis] - low[axis] + 1 + 2 * rim;
+        box->strides[axis] = stride;
+        if (!sbi_size_add(&next, stride, (size_t)box->counts[axis]))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+        stride = next;
+    }
+    return SB_OK;
+}
+
+static size_t sbi_field_size(const sbi_field_box *box) { return box->strides[2] * (size_t)box->counts[2]; }
+
+/* (1 2 1) / 4 along an axis, in place; beyond the box is 0. */
+static void sbi_field_filter_axis(const sbi_field_box *box, float *values, int axis)
+{
+    int a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, count = box->counts[axis];
+    size_t step = box->strides[axis];
+    for (int k = 0; k < box->counts[b]; k++)
+        for (int j = 0; j < box->counts[a]; j++) {
+            float *line = values + (size_t)k * box->strides[b] + (size_t)j * box->strides[a];
+            float before = 0;
+            for (int i = 0; i < count; i++, line += step) {
+                float own = *line, after = i + 1 < count ? line[step] : 0.0f;
+                *line = 0.25f * (before + after) + 0.5f * own;
+                before = own;
+            }
+        }
+}
+
+static void sbi_field_filter(const sbi_field_box *box, float *values)
+{
+    for (int n = 0; n < box->def->smoothing; n++)
+        for (int axis = 0; axis < 3; axis++)
+            sbi_field_filter_axis(box, values, axis);
+}
+
+/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
+static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
+{
+    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    float sum = 0;
+    int count = 0;
+    for (int axis = 0; axis < 3; axis++)
+        for (int side = -1; side <= 1; side += 2) {
+            int next[3];
+            memcpy(next, at, sizeof next);
+            next[axis] += side;
+            if (next[axis] < 0 || next[axis] >= box->counts[axis] ||
+                sbi_field_inside(box, next[0], next[1], next[2]) == inside)
+                continue;
+            sum += fabsf((side < 0 ? *(value - box->strides[axis]) : value[box->strides[axis]]) - level);
+            count++;
+        }
+    return count ? sum / (float)count : own;
+}
+
+/* Fills in the values, 0 where what was filtered has the level; puts every voxel on its side, and not quite on the
+ * surface: a triangle needs some size. */
+static void sbi_field_hold(sbi_field_box *box, float level)
+{
+    const float least = 0.01f;
+    size_t n = 0;
+    int at[3];
+    box->held = 0;
+    for (at[2] = 0; at[2] < box->counts[2]; at[2]++)
+        for (at[1] = 0; at[1] < box->counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < box->counts[0]; at[0]++, n++) {
+                float value = box->filtered[n] - level, size = fabsf(value);
+                int inside = sbi_field_inside(box, at[0], at[1], at[2]);
+                if (inside != (value > 0)) {
+                    size = sbi_field_opposite(box, at, inside, level, size);
+                    box->held++;
+                }
+                size = size > least ? size : least;
+                box->values[n] = inside ? size : -size;
+            }
+}
+
+/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the filter's
+ * width, which GG has sqrt(2) times: with these weights the two cancel. */
+static void sbi_field_make(sbi_field_box *box)
+{
+    const float once = 3.41421356f, twice = 2.41421356f; /* 2 + sqrt(2), 1 + sqrt(2) */
+    size_t n = 0, size = sbi_field_size(box);
+    for (int k = 0; k < box->counts[2]; k++)
+        for (int j = 0; j < box->counts[1]; j++)
+            for (int i = 0; i < box->counts[0]; i++)
+                box->filtered[n++] = (float)sbi_field_inside(box, i, j, k);
+    sbi_field_filter(box, box->filtered);
+    memcpy(box->values, box->filtered, size * sizeof *box->values);
+    sbi_field_filter(box, box->values);
+    for (n = 0; n < size; n++)
+        box->filtered[n] = once * box->filtered[n] - twice * box->values[n] - 0.5f;
+}
+
+/* ==== marching cubes ==================================================================================
+ * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other two
+ * axes, the next one first (x: y z, y: z x, z: x y). */
+
+enum { SBI_CUBE_EDGES = 12, SBI_CUBE_FACES = 6 };
+
+/* The corners of each face, round it as seen from outside the cube, and the edges between them. */
+typedef struct sbi_cube_face {
+    unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
+} sbi_cube_face;
+
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
+    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+
+/* Lower corner and axis of an edge. */
+static int sbi_cube_edge_axis(int edge) { return edge / 4; }
+static int sbi_cube_edge_corner(int edge)
+{
+    int axis = edge / 4, first = (axis + 1) % 3, second = (axis + 2) % 3;
+    return (edge & 1) << first | (edge >> 1 & 1) << second;
+}
+
+typedef struct sbi_march {
+    sbi_field_box *box;
+    sbi_image_frame frame;
+    int mirrored;       /* the axes are left-handed: triangles turn round */
+    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;     /* NULL while they are counted */
+    int *triangles;
+    int64_t node_count, triangle_count;
+} sbi_march;
+
+/* The value's place in space, moved by a share along an axis. */
+static sb_vec3 sbi_march_point(const sbi_march *march, const int at[3], int axis, sb_real share)
+{
+    sb_real x[3];
+    for (int k = 0; k < 3; k++)
+        x[k] = (sb_real)(march->box->low[k] + at[k]) + (k == axis ? share : 0);
+    return sb_v3_add(march->frame.origin, sb_m3_apply(march->frame.axes, sb_v3(x[0], x[1], x[2])));
+}
+
+static void sbi_march_node(sbi_march *march, sb_vec3 point)
+{
+    if (march->nodes)
+        march->nodes[march->node_count] = point;
+    march->node_count++;
+}
+
+/* Nodes on the edges from value (i, j, k) on: where the value is 0, but not at an end. */
+static void sbi_march_edges(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const sb_real rim = (sb_real)0.02; /* what is nearer to an end makes triangles too small to be of use */
+    size_t place = (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    size_t row = (size_t)at[0] + (size_t)at[1] * box->strides[1];
+    float own = box->values[place];
+    for (int axis = 0; axis < 3; axis++) {
+        int *node = &march->rows[axis][at[2] & 1][row];
+        float other;
+        sb_real share;
+        *node = -1;
+        if (at[axis] + 1 >= box->counts[axis])
+            continue;
+        other = box->values[place + box->strides[axis]];
+        if ((own > 0) == (other > 0))
+            continue;
+        share = (sb_real)own / ((sb_real)own - (sb_real)other);
+        share = share < rim ? rim : share > 1 - rim ? 1 - rim : share;
+        *node = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+        sbi_march_node(march, sbi_march_point(march, at, axis, share));
+    }
+}
+
+static void sbi_march_triangle(sbi_march *march, int a, int b, int c)
+{
+    if (march->triangles) {
+        int *triangle = march->triangles + 3 * march->triangle_count;
+        triangle[0] = a;
+        triangle[1] = march->mirrored ? b : c;
+        triangle[2] = march->mirrored ? c : b;
+    }
+    march->triangle_count++;
+}
+
+/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose corners
+ * alternate each corner inside is cut off by itself. */
+static void sbi_cube_link(int inside, signed char next[SBI_CUBE_EDGES])
+{
+    memset(next, -1, SBI_CUBE_EDGES);
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        const sbi_cube_face *face = &sbi_cube_faces[f];
+        for (int i = 0; i < 4; i++) {
+            int end = i;
+            /* from the edge where the way round the face leaves the inside, back to where it entered */
+            if (!(inside >> face->corners[i] & 1) || (inside >> face->corners[(i + 1) % 4] & 1))
+                continue;
+            while (inside >> face->corners[(end + 3) % 4] & 1)
+                end = (end + 3) % 4;
+            next[face->edges[i]] = (signed char)face->edges[(end + 3) % 4];
+        }
+    }
+}
+
+/* 1 when two edges of the cube lie on one face. */
+static int sbi_cube_share_face(int a, int b)
+{
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        int found = 0;
+        for (int i = 0; i < 4; i++)
+            found += sbi_cube_faces[f].edges[i] == a || sbi_cube_faces[f].edges[i] == b;
+        if (found == 2)
+            return 1;
+    }
+    return 0;
+}
+
+/* Node on an edge of the cube at (i, j, k). */
+static int sbi_march_edge_node(const sbi_march *march, const int at[3], int edge)
+{
+    int corner = sbi_cube_edge_corner(edge);
+    size_t row = (size_t)(at[0] + (corner & 1)) + (size_t)(at[1] + (corner >> 1 & 1)) * march->box->strides[1];
+    return march->rows[sbi_cube_edge_axis(edge)][(at[2] + (corner >> 2)) & 1][row];
+}
+
+/* Fills a loop with triangles. */
+static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, int count)
+{
+    int centre = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+    sb_vec3 middle = sb_v3(0, 0, 0);
+    if (count == 3) {
+        sbi_march_triangle(march, loop[0], loop[1], loop[2]);
+        return;
+    }
+    for (int start = 0; count == 4 && start < 2; start++)
+        if (!sbi_cube_share_face(edges[start], edges[start + 2])) {
+            sbi_march_triangle(march, loop[start], loop[start + 1], loop[start + 2]);
+            sbi_march_triangle(march, loop[start + 2], loop[(start + 3) % 4], loop[start]);
+            return;
+        }
+    for (int i = 0; i < count; i++) {
+        if (march->nodes)
+            middle = sb_v3_add(middle, march->nodes[loop[i]]);
+        sbi_march_triangle(march, loop[i], loop[(i + 1) % count], centre);
+    }
+    sbi_march_node(march, sb_v3_scale((sb_real)1 / (sb_real)count, middle));
+}
+
+static void sbi_march_cube(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    signed char next[SBI_CUBE_EDGES];
+    int inside = 0;
+    for (int c = 0; c < 8; c++)
+        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+                  << c;
+    if (inside == 0 || inside == 255)
+        return;
+    sbi_cube_link(inside, next);
+    for (int first = 0; first < SBI_CUBE_EDGES; first++) {
+        int edges[SBI_CUBE_EDGES], loop[SBI_CUBE_EDGES], count = 0;
+        for (int edge = first; next[edge] >= 0;) {
+            int follows = next[edge];
+            next[edge] = -1;
+            edges[count] = edge;
+            loop[count++] = sbi_march_edge_node(march, at, edge);
+            edge = follows;
+        }
+        if (count)
+            sbi_march_loop(march, edges, loop, count);
+    }
+}
+
+/* One pass: counts nodes and triangles, or writes them. */
+static void sbi_march_run(sbi_march *march)
+{
+    const int *counts = march->box->counts;
+    int at[3];
+    march->node_count = march->triangle_count = 0;
+    for (int layer = 0; layer < counts[2]; layer++) {
+        at[2] = layer;
+        for (at[1] = 0; at[1] < counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < counts[0]; at[0]++)
+                sbi_march_edges(march, at);
+        at[2] = layer - 1;
+        for (at[1] = 0; at[1] + 1 < counts[1] && layer > 0; at[1]++)
+            for (at[0] = 0; at[0] + 1 < counts[0]; at[0]++)
+                sbi_march_cube(march, at);
+    }
+}
+
+/* ==== the surface ===================================================================================== */
+
+static sb_result sbi_label_check(const sb_label_def *def, sb_error *error)
+{
+    if (def->cookie != SBI_LABEL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from sb_default_label_def()");
+    if (def->label_count < 0 || (def->label_count > 0 && !def->labels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: %d of them, at %s", def->label_count,
+                        def->labels ? "an array" : "NULL");
+    if (def->smoothing < 0 || def->smoothing > SB_LABEL_MAX_SMOOTHING)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "smoothing is %d: it must be in [0, %d]", def->smoothing,
+                        SB_LABEL_MAX_SMOOTHING);
+    return sb_image_check(def->image, error);
+}
+
+/* m^3 that the triangles enclose, measured from their first node: far from 0 digits would be lost. */
+static sb_real sbi_label_volume(const sb_mesh *mesh)
+{
+    double sum = 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *c = mesh->elements + 3 * (size_t)e;
+        sb_vec3 a = sb_v3_sub(mesh->nodes[c[0]], mesh->nodes[0]), b = sb_v3_sub(mesh->nodes[c[1]], mesh->nodes[0]);
+        sum += (double)sb_v3_dot(a, sb_v3_cross(b, sb_v3_sub(mesh->nodes[c[2]], mesh->nodes[0])));
+    }
+    return (sb_real)(sum / 6);
+}
+
+static sb_real sbi_label_voxel_volume(const sb_image *image, int voxels)
+{
+    sb_vec3 s = image->spacing;
+    return (sb_real)voxels * s.x * s.y * s.z * (sb_real)fabs((double)sb_m3_det(image->direction));
+}
+
+static sb_result sbi_label_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+}
+
+/* Counts what is marched and takes memory for it. */
+static sb_result sbi_label_reserve(sbi_march *march, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+{
+    sbi_march_run(march);
+    if (march->node_count > INT_MAX || march->triangle_count > INT_MAX / 3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the surface has %lld nodes and %lld triangles: too many",
+                        (long long)march->node_count, (long long)march->triangle_count);
+    memset(mesh, 0, sizeof *mesh);
+    mesh->allocator = *allocator;
+    mesh->element_type = SB_TRI3;
+    mesh->node_count = (int)march->node_count;
+    mesh->element_count = (int)march->triangle_count;
+    mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(sb_vec3));
+    mesh->elements = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, 3 * sizeof(int));
+    if (!mesh->nodes || !mesh->elements) {
+        sb_mesh_free(mesh);
+        return sbi_label_no_memory(error);
+    }
+    march->nodes = mesh->nodes;
+    march->triangles = mesh->elements;
+    return SB_OK;
+}
+
+/* m^3 inside the surface of the level, which is written to the mesh. Which nodes and triangles there are depends on the
+ * labels only. */
+static sb_real sbi_label_set_level(sbi_march *march, float level, const sb_mesh *mesh)
+{
+    sbi_field_hold(march->box, level);
+    sbi_march_run(march);
+    return sbi_label_volume(mesh);
+}
+
+/* Finds the level at which the volume is that of the voxels, by false position (Illinois). Where none within the bounds
+ * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's sake. */
+static void sbi_label_fit_volume(sbi_march *march, sb_real wanted, const sb_mesh *mesh)
+{
+    const float bound = 0.125f;
+    const sb_real close = (sb_real)1e-4 * wanted;
+    float a = 0, b, level = 0;
+    sb_real error_a = sbi_label_set_level(march, a, mesh) - wanted, error_b, found = error_a;
+    if ((sb_real)fabs((double)error_a) <= close)
+        return;
+    b = error_a < 0 ? -bound : bound;
+    error_b = sbi_label_set_level(march, b, mesh) - wanted;
+    if ((error_a < 0) == (error_b < 0)) {
+        if (fabs((double)error_b) > fabs((double)error_a))
+            sbi_label_set_level(march, a, mesh);
+        return;
+    }
+    for (int i = 0; i < 8 && (sb_real)fabs((double)found) > close; i++) {
+        level = (float)(((sb_real)a * error_b - (sb_real)b * error_a) / (error_b - error_a));
+        found = sbi_label_set_level(march, level, mesh) - wanted;
+        if ((found < 0) == (error_b < 0)) {
+            b = level;
+            error_b = found;
+            error_a /= 2;
+        } else {
+            a = b;
+            error_a = error_b;
+            b = level;
+            error_b = found;
+        }
+    }
+}
+
+/* The mesh from the box, for which there is memory but for the two layers of edges. */
+static sb_result sbi_label_surface(sbi_field_box *box, sb_real volume, sb_mesh *mesh, sb_error *error)
+{
+    const sb_allocator *allocator = &box->def->allocator;
+    size_t layer = box->strides[2];
+    sbi_march march;
+    int *rows;
+    sb_result result;
+    memset(&march, 0, sizeof march);
+    march.box = box;
+    march.frame = sbi_image_get_frame(box->def->image);
+    march.mirrored = sb_m3_det(box->def->image->direction) < 0;
+    rows = (int *)sbi_alloc(allocator, layer, 6 * sizeof *rows);
+    if (!rows)
+        return sbi_label_no_memory(error);
+    for (size_t i = 0; i < 6; i++)
+        march.rows[i / 2][i % 2] = rows + i * layer;
+    sbi_field_make(box);
+    sbi_field_hold(box, 0);
+    result = sbi_label_reserve(&march, allocator, mesh, error);
+    if (!result)
+        sbi_label_fit_volume(&march, volume, mesh);
+    sbi_free(allocator, rows);
+    return result;
+}
+
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error)
+{
+    sbi_field_box box;
+    sb_mesh made;
+    sb_real volume;
+    sb_result result;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    result = sbi_label_check(def, error);
+    memset(&box, 0, sizeof box);
+    box.def = def;
+    if (!result)
+        result = sbi_field_measure(&box, error);
+    if (result)
+        return result;
+    volume = sbi_label_voxel_volume(def->image, box.voxels);
+    box.filtered = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.filtered);
+    box.values = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.values);
+    result = box.filtered && box.values ? sbi_label_surface(&box, volume, &made, error) : sbi_label_no_memory(error);
+    sbi_free(&def->allocator, box.filtered);
+    sbi_free(&def->allocator, box.values);
+    if (result)
+        return result;
+    if (report) {
+        report->voxels = box.voxels;
+        report->voxel_volume = volume;
+        report->volume = sbi_label_volume(&made);
+        report->held_voxels = box.held;
+    }
+    *mesh = made;
+    return SB_OK;
+}
+
+/* ==== regions ========================================================================================= */
+
+/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none has. */
+static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_real nearest = SB_REAL_MAX;
+    int found = 0;
+    for (int n = 0; n < 125; n++) {
+        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
+        sb_real distance = sb_v3_norm(step);
+        if (label != 0 && distance < nearest) {
+            found = label;
+            nearest = distance;
+        }
+    }
+    return found;
+}
+
+/* Label of an element: of most points of the sample; the first of those that are met equally often. */
+static int sbi_label_of_element(const sb_image *image, const sbi_image_frame *frame, const sb_mesh *mesh, int element)
+{
+    enum { MAX_SAMPLE = 64 };
+    int width = sb_mesh_element_width(mesh), found[MAX_SAMPLE], count = 0, best = 0, best_votes = 0;
+    const int *nodes = mesh->elements + (size_t)element * (size_t)width;
+    sb_vec3 centre = sb_v3(0, 0, 0);
+    for (int i = 0; i < width; i++)
+        centre = sb_v3_add(centre, sb_v3_scale((sb_real)1 / (sb_real)width, mesh->nodes[nodes[i]]));
+    for (int i = -1; i < width && count < MAX_SAMPLE; i++) {
+        sb_vec3 to = i < 0 ? centre : mesh->nodes[nodes[i]];
+        int label = sbi_image_lookup(image, frame, sb_v3_scale((sb_real)0.5, sb_v3_add(centre, to)));
+        if (label != 0)
+            found[count++] = label;
+    }
+    for (int i = 0; i < count; i++) {
+        int votes = 0;
+        for (int k = 0; k < count; k++)
+            votes += found[k] == found[i];
+        if (votes > best_votes) {
+            best = found[i];
+            best_votes = votes;
+        }
+    }
+    return count ? best : sbi_label_near(image, frame, centre);
+}
+
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error)
+{
+    sbi_image_frame frame;
+    sb_result result;
+    if (!image || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "mesh" : "image");
+    result = sb_image_check(image, error);
+    if (!result)
+        result = sbi_mesh_check_arrays(mesh, error);
+    if (result)
+        return result;
+    if (!mesh->regions) {
+        mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
+        if (!mesh->regions)
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+    }
+    frame = sbi_image_get_frame(image);
+    for (int e = 0; e < mesh->element_count; e++)
+        mesh->regions[e] = sbi_label_of_element(image, &frame, mesh, e);
+    return SB_OK;
 }
 
 /* ==== src/softbody/geometry/surface_tree.h ==== */
@@ -25759,6 +27788,7 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->columns = ints;
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
+    matrix->row_end = matrix->row_start + 1;
     matrix->diagonal = matrix->row_start + rows + 1;
     matrix->part_rows = matrix->diagonal + rows;
     matrix->part_start = matrix->part_rows + rows;
@@ -25774,7 +27804,7 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
 {
     memcpy(next, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     for (int i = 0; i < matrix->row_count; i++)
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
             int j = matrix->columns[q];
             matrix->transpose[q] = next[j]++;
             if (j == i)
@@ -25789,7 +27819,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
     part_of[i] = part;
     queue[0] = i;
     for (int head = 0; head < count; head++)
-        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_end[queue[head]]; q++) {
             int j = matrix->columns[q];
             if (part_of[j] >= 0)
                 continue;
@@ -25806,7 +27836,7 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         part_of[i] = -1;
     matrix->part_count = 0;
     for (int i = 0; i < rows; i++) {
-        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        int is_alone = matrix->row_end[i] - matrix->row_start[i] == 1;
         if (part_of[i] >= 0)
             continue;
         if (is_alone && alone >= 0) {
@@ -25905,7 +27935,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
-    high = matrix->row_start[i + 1];
+    high = matrix->row_end[i];
     while (low < high) {
         int middle = low + (high - low) / 2;
         if (matrix->columns[middle] < j)
@@ -25913,7 +27943,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
         else
             high = middle;
     }
-    return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
+    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */
@@ -25933,7 +27963,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
                                               int guard)
 {
     const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_start[i + 1];
+              *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -25961,7 +27991,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++, block += 9) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -25977,9 +28007,9 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last)
 {
-    const int *columns = matrix->columns, *row_start = matrix->row_start;
+    const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
-        if (columns[row_start[i + 1] - 1] != matrix->row_count - 1)
+        if (columns[row_end[i] - 1] != matrix->row_count - 1)
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
         else
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
@@ -26097,7 +28127,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
         for (int c = 0; c < 3; c++)
@@ -26111,7 +28141,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
     int all = (mask & SB_XYZ) == SB_XYZ;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
         int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
@@ -26229,7 +28259,7 @@ static int sbi_order_walk(sbi_order *o, int start, int count)
     o->walk[count++] = start;
     for (; read < count; read++) {
         int i = o->walk[read];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
                 continue;
@@ -26278,7 +28308,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
         int node = list[i];
         border -= o->side[node] == 2;
         o->side[node] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int j = a->columns[q];
             if (o->set[j] != set || o->side[j] != 1)
                 continue;
@@ -26294,7 +28324,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
     for (int i = 0; i < count; i++)
         o->side[list[i]] = i > best;
     for (int i = 0; i <= best; i++)
-        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+        for (int q = a->row_start[list[i]]; q < a->row_end[list[i]]; q++)
             if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
                 o->side[a->columns[q]] = 2;
     return cost;
@@ -26305,7 +28335,7 @@ static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
 {
     const sb_matrix *a = o->pattern;
     beside[0] = beside[1] = beside[2] = 0;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++)
         if (o->set[a->columns[q]] == o->set[node])
             beside[o->side[a->columns[q]]]++;
 }
@@ -26317,7 +28347,7 @@ static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
     o->side[node] = half;
     sizes[2]--;
     sizes[half]++;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
         int j = a->columns[q];
         if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
             continue;
@@ -26423,7 +28453,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
-        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        int far = (double)(o->pattern->row_end[i] - o->pattern->row_start[i]) > most;
         o->set[i] = far ? -1 : 0;
         o->best[i] = far ? 2 : 0;
     }
@@ -26953,7 +28983,7 @@ static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_p
     for (int k = 0; k < d->node_count; k++) {
         int node = d->node[k];
         plan->parent[k] = ancestor[k] = -1;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             while (i >= 0 && i < k) {
                 int next = ancestor[i];
@@ -26974,7 +29004,7 @@ static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_
         int node = d->node[k];
         plan->count[k] = 1;
         mark[k] = k;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++)
             for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
                 plan->count[i]++;
                 mark[i] = k;
@@ -27076,7 +29106,7 @@ static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const i
         rows[count++] = k;
     for (int k = piece->first; k < piece->last; k++) {
         int node = d->node[k];
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             if (i < piece->last || mark[i] == index)
                 continue;
@@ -27333,7 +29363,7 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
         sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
         sb_real *size = d->sizes + 3 * (size_t)k;
         size[0] = size[1] = size[2] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]], place;
             const sb_real *block = a->blocks[q];
             for (int c = 0; c < 3; c++)
@@ -27380,7 +29410,7 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
 static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
 {
     for (int i = 0; i < a->row_count; i++)
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
@@ -28459,7 +30489,7 @@ static int sbi_region_grow(sbi_region_maker *m, int count)
     const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
                 sbi_region_join(m, j, &count);
@@ -28473,11 +30503,11 @@ static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
     const sb_matrix *a = m->pattern;
     int count = 0;
-    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+    for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
-        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+        for (int p = q + 1; p < a->row_end[i]; p++) {
             int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
@@ -28536,7 +30566,7 @@ static void sbi_region_place_rest(sbi_region_maker *m)
         changed = 0;
         for (int i = 0; i < a->row_count; i++) {
             int best = -1;
-            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+            for (int q = a->row_start[i]; q < a->row_end[i] && m->region[i] < 0; q++)
                 if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
                     best = q;
             if (best < 0)
@@ -28560,7 +30590,7 @@ static void sbi_region_prepare(sbi_region_maker *m)
         m->region[i] = -1;
         m->member[i] = m->touched[i] = 0;
         m->most[i] = 0;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             if (a->columns[q] != i && m->moduli[q] > m->most[i])
                 m->most[i] = m->moduli[q];
     }
@@ -31327,7 +33357,7 @@ static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *se
     for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
         int last = count;
         for (; first < last; first++)
-            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+            for (int q = a->row_start[seen[first]]; q < a->row_end[seen[first]]; q++) {
                 int j = a->columns[q];
                 if (mark[j] == i)
                     continue;
@@ -31547,7 +33577,7 @@ static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, 
     int count = d->size / 3;
     memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
     for (int row = 0; row < count; row++) {
-        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_end[nodes[row]];
         while (q < end && column < count) {
             if (a->columns[q] == nodes[column])
                 sbi_fsai_place(a->blocks[q++], scale, d, row, column++);
@@ -32378,10 +34408,14 @@ static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, con
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
 {
     uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    unsigned blocks = 0;
+    for (int i = 0; i < a->row_count; i++) {
+        blocks += (unsigned)(a->row_end[i] - a->row_start[i]);
+        hash = sbi_hash_word(hash, (uint64_t)blocks);
+    }
     for (int i = 0; i < a->row_count; i++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
-    for (int q = 0; q < a->block_count; q++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
     return hash;
 }
 
@@ -33155,7 +35189,7 @@ static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
     queue[0] = i;
     m->fragment_of[i] = fragment;
     for (int head = 0; head < count; head++)
-        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+        for (int q = a->row_start[queue[head]]; q < a->row_end[queue[head]]; q++) {
             int j = a->columns[q];
             if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
                 continue;
@@ -33202,7 +35236,7 @@ static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
     int best = -1;
     for (int pass = 0; pass < 2; pass++)
         for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
-            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+            for (int q = a->row_start[m->list[k]]; q < a->row_end[m->list[k]]; q++) {
                 int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
                 m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
                 if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
@@ -33275,7 +35309,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
 {
-    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
     sbi_piece_cut(m, begin, end, share, 0);
@@ -33339,7 +35373,7 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
         c->piece_entry[piece] = entries;
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+            for (int q = a->row_start[j]; q < a->row_end[j]; q++) {
                 int i = a->columns[q];
                 if (marker[i] < first) {
                     marker[i] = entries;
@@ -37508,7 +39542,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
 }
 
@@ -37545,7 +39579,7 @@ static void sbi_batch_lower(void *user, int index)
                     lower[3 * j + i] = upper[3 * i + j];
                 }
         }
-        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
             for (int c = 0; c < 9; c++)
                 sum[c] -= matrix->blocks[k][c];
         for (int i = 0; i < 3; i++)
@@ -39055,7 +41089,7 @@ static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *mat
 {
     size_t made = 0, entries = 0;
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->diagonal[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
             if (j == i)
@@ -39104,7 +41138,7 @@ static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_mat
             return sbi_elimination_no_memory(error);
         at = e->positions;
         for (int i = 0; i < full->row_count; i++)
-            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+            for (int k = full->row_start[i]; k < full->row_end[i]; k++) {
                 int j = full->columns[k];
                 sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
                 total += (size_t)a.count * (size_t)b.count;
@@ -39273,7 +41307,7 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
     const int *at = e->positions;
     sb_matrix_clear(&e->matrix);
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             const sb_real *block = matrix->blocks[k];
             sbi_elimination_row a, b;
@@ -39393,7 +41427,7 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 }
 
 /* ==== src/softbody/body/body_private.h ==== */
-/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+/* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
@@ -39638,6 +41672,11 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* regions and materials, one material per region, and each cell's material; */
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
+/* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
@@ -39652,6 +41691,10 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
 SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
                                           sb_error *error);
+/* The reference mesh as others see it; borrowed arrays. */
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
+/* Diagonal of the bounding box (m). */
+SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
@@ -39678,6 +41721,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -39709,171 +41754,12 @@ SB_INLINE int sbi_body_points(const sb_body *body)
 
 #endif /* SB_BODY_PRIVATE_H */
 
-/* ==== src/softbody/body/body.c ==== */
-/* body: creation, properties, supports, loads, readings. */
+/* ==== src/softbody/body/body_material.c ==== */
+/* body_material: regions, their materials, fibres, and what follows from them. */
 
 #include <string.h>
 
-#define SBI_BODY_COOKIE 0x5b0d1u
-
-SB_API sb_body_def sb_default_body_def(void)
-{
-    sb_body_def def;
-    memset(&def, 0, sizeof def);
-    def.integration = SB_INTEGRATION_AUTO;
-    def.mass = SB_MASS_LUMPED;
-    def.integrator = SB_EULER;
-    def.preconditioner = SB_PRECOND_AUTO;
-    def.levels = NULL;
-    def.level_count = 0;
-    def.tolerance = (sb_real)1e-3;
-    def.max_iterations = 500;
-    def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.5;
-    def.max_substeps = 10000;
-    def.newton_tolerance = (sb_real)1e-6;
-    def.cookie = SBI_BODY_COOKIE;
-    return def;
-}
-
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
-SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
-{
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {
-        material->density, material->lambda, material->mu,  material->c10,             material->d1,
-        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
-    memcpy(reals, moduli, sizeof moduli);
-    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
-    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
-}
-
-SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
-{
-    sb_material m;
-    memset(&m, 0, sizeof m);
-    m.model = (sb_material_model)model;
-    m.prony_count = prony_count;
-    m.density = reals[0];
-    m.lambda = reals[1];
-    m.mu = reals[2];
-    m.c10 = reals[3];
-    m.d1 = reals[4];
-    m.c01 = reals[5];
-    m.c20 = reals[6];
-    m.c30 = reals[7];
-    m.fibre_stiffness = reals[8];
-    m.fibre_exponent = reals[9];
-    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
-    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
-    return m;
-}
-
-static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
-{
-    const int ints[3] = {region, (int)material->model, material->prony_count};
-    sb_real reals[SBI_MATERIAL_REALS];
-    sbi_body_pack_material(material, reals);
-    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
-}
-
-/* ---- creation: arguments ---- */
-
-SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
-{
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
-    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
-                        (double)def->damping_mass, (double)def->damping_stiffness);
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
-    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
-                        (double)def->newton_tolerance);
-    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
-                        def->max_iterations, def->max_newton);
-    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
-                        (double)def->spectral_radius);
-    if (def->max_substeps < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
-    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
-    if (def->allocator.alloc && !def->allocator.release)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
-                        (double)def->damping_stiffness);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
-{
-    sb_result result = sb_material_check(material, error);
-    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
-    return result;
-}
-
-static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
-{
-    sb_result result;
-    if (def->cookie != SBI_BODY_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
-    if (!def->mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
-    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
-    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
-    result = sbi_body_check_settings(def, error);
-    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
-        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
-    return result;
-}
-
-/* ---- creation: regions and materials ---- */
+/* ---- regions ---- */
 
 static int sbi_body_region(const sb_mesh *mesh, int element)
 {
@@ -39917,8 +41803,7 @@ static int sbi_body_list_regions(const sb_mesh *mesh, int *regions, int capacity
     return count;
 }
 
-/* Regions and materials, one material per region, and each cell's material. */
-static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     int capacity = 4, count, found;
     for (;; capacity = count) {
@@ -39961,7 +41846,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
-/* ---- creation: fibres ---- */
+/* ---- fibres ---- */
 
 /* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
@@ -40023,8 +41908,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     return SB_OK;
 }
 
-/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
-static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
 {
     sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
     if (result == SB_OK)
@@ -40032,57 +41916,151 @@ static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_ma
     return result;
 }
 
-/* ---- creation: memory ---- */
+/* ---- materials ---- */
 
-/* Lays out every array of the body; walked once to measure and once to hand out. */
-static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
-    size_t n = (size_t)body->domain.node_count;
-    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
-                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
-                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
-                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
-                           &body->work,      &body->work2};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
-                                                 sizeof(sb_real));
-    if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+    sb_result result = sb_material_check(material, error);
+    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
+    return result;
 }
 
-static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    sbi_arena arena = {NULL, 0, 0};
-    unsigned char *base;
-    sbi_body_layout(body, &arena);
-    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
-                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
-    if (!body->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
-    base = (unsigned char *)body->memory;
-    memset(base, 0, arena.used + 64);
-    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
-    arena.used = 0;
-    sbi_body_layout(body, &arena);
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
+SBI_API void sbi_body_materials_changed(sb_body *body)
+{
+    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    sbi_body_update_mass(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+}
+
+SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+{
+    sb_result result;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < body->material_count; i++)
+        body->materials[i] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
+                                             sb_error *error)
+{
+    sb_result result;
+    int at, found;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
+    return SB_OK;
+}
+
+/* ---- Newton iterations that materials need ---- */
+
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+{
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
+}
+
+SBI_API int sbi_body_max_newton(const sb_body *body)
+{
+    if (body->max_newton != SB_AUTO)
+        return body->max_newton;
+    for (int i = 0; i < body->material_count; i++)
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
+            return 20;
+    return 1;
+}
+
+/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+{
+    int needed = body->max_newton > 1;
+    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
+        return SB_OK;
+    body->damping_blocks =
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+    if (!body->damping_blocks)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/body_mass.c ==== */
+/* body_mass: masses of nodes and of the matrix, and products with them. */
+
+#include <string.h>
+
 /* ---- the reference shape ---- */
 
-/* The reference mesh as others see it; borrowed arrays. */
-static sb_mesh sbi_body_mesh_view(const sb_body *body)
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -40095,8 +42073,7 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     return mesh;
 }
 
-/* Diagonal of the bounding box (m). */
-static sb_real sbi_body_size(const sb_body *body)
+SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
@@ -40281,7 +42258,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -40292,7 +42269,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;
@@ -40302,259 +42279,10 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-SBI_API sb_real sbi_body_poisson(const sb_body *body)
-{
-    sb_real largest = -1;
-    for (int k = 0; k < body->material_count; k++) {
-        sb_real poisson = sb_material_poisson(body->materials + k);
-        largest = poisson > largest ? poisson : largest;
-    }
-    return largest;
-}
+/* ==== src/softbody/body/body_pattern.c ==== */
+/* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
-{
-    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
-}
-
-SBI_API void sbi_body_materials_changed(sb_body *body)
-{
-    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
-    sbi_body_update_mass(body);
-    body->force_current = 0;
-    body->acceleration_known = 0;
-}
-
-/* ---- creation: topology ---- */
-
-/* Parts of the mesh, elements of each node, and the matrix pattern. */
-static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
-                                          error);
-    if (result == SB_OK)
-        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
-    if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
-                                  domain->cells, &body->allocator, &body->matrix, error);
-    return result;
-}
-
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
-}
-
-/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
-static void sbi_body_label_nodes(sb_body *body)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
-        body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        body->fixed[i] = lonely ? SB_XYZ : 0;
-        if (!lonely)
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
-}
-
-/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
- * linearised steps add up until the body explodes: only a linear body may take them. */
-static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
-{
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}
-
-/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
-{
-    int needed = body->max_newton > 1;
-    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
-        return SB_OK;
-    body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
-    if (!body->damping_blocks)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_real *young;
-    sb_result result;
-    *moduli = NULL;
-    if (body->material_count < 2)
-        return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
-    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sb_material_young(body->materials + body->cell_material[e]);
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
-                                          *moduli, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
-    }
-    sbi_free(&body->allocator, young);
-    if (result != SB_OK) {
-        sbi_free(&body->allocator, *moduli);
-        *moduli = NULL;
-    }
-    return result;
-}
-
-static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_real *moduli = NULL;
-    sb_result result = SB_OK;
-    settings.kind = def->preconditioner;
-    settings.positions = def->mesh->nodes;
-    settings.jobs = body->jobs;
-    settings.levels = def->levels;
-    settings.level_count = def->level_count;
-    if (settings.kind == SB_PRECOND_AUTO)
-        settings.kind = sb_solver_auto(&body->matrix);
-    if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
-    settings.moduli = moduli;
-    if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
-    sbi_free(&body->allocator, moduli);
-    return result;
-}
-
-static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    uint64_t *node_colours;
-    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
-                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                                      &body->domain, error);
-    body->own_points = def->domain != NULL;
-    if (result == SB_OK)
-        result = sbi_body_make_materials(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_make_topology(body, def->mesh, error);
-    if (result == SB_OK)
-        result = sbi_body_take_memory(body, error);
-    if (result == SB_OK)
-        result = sbi_body_make_preconditioner(body, def, error);
-    if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
-    if (result != SB_OK)
-        return result;
-    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(allocator, node_colours);
-    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    sbi_body_label_nodes(body);
-    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
-    for (int i = 0; i < body->material_count && result == SB_OK; i++)
-        result = sbi_body_prepare_material(body, i, body->materials + i, error);
-    if (result != SB_OK)
-        return result;
-    sbi_body_materials_changed(body);
-    sb_body_reset(body);
-    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
-}
-
-SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
-{
-    sb_body *made;
-    sb_result result;
-    if (!def || !body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
-    result = sbi_body_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
-    made->allocator = def->allocator;
-    made->jobs = def->jobs;
-    made->clock = def->clock;
-    made->mass_kind = def->mass;
-    made->integrator = def->integrator;
-    made->gravity = def->gravity;
-    made->damping_mass = def->damping_mass;
-    made->damping_stiffness = def->damping_stiffness;
-    made->tolerance = def->tolerance;
-    made->newton_tolerance = def->newton_tolerance;
-    made->max_iterations = def->max_iterations;
-    made->max_newton = def->max_newton;
-    made->spectral_radius = def->spectral_radius;
-    made->max_substeps = def->max_substeps;
-    result = sbi_body_build(made, def, error);
-    if (result != SB_OK) {
-        sb_body_destroy(made);
-        return result;
-    }
-    *body = made;
-    return SB_OK;
-}
-
-SB_API void sb_body_destroy(sb_body *body)
-{
-    sb_allocator allocator;
-    if (!body)
-        return;
-    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
-    allocator = body->allocator;
-    for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
-    sbi_free(&allocator, body->loads);
-    sbi_free(&allocator, body->tie_gram);
-    sbi_elimination_free(body->elimination);
-    sb_pcg_workspace_free(&body->pcg);
-    sb_preconditioner_free(body->precond);
-    sb_matrix_free(&body->matrix);
-    sb_index_table_free(&body->element_component);
-    sb_index_lists_free(&body->node_elements);
-    sbi_assembly_free_memory(&body->assembly, &allocator);
-    sb_domain_free(&body->domain);
-    sbi_free(&allocator, body->fibres);
-    sbi_free(&allocator, body->support_blocks);
-    sbi_free(&allocator, body->damping_blocks);
-    sbi_free(&allocator, body->extra_start);
-    sbi_free(&allocator, body->pattern_memory);
-    sbi_free(&allocator, body->cell_material);
-    sbi_free(&allocator, body->materials);
-    sbi_free(&allocator, body->material_regions);
-    sbi_free(&allocator, body->memory);
-    sbi_free(&allocator, body);
-}
+#include <string.h>
 
 /* ---- couplings beyond the elements ---- */
 
@@ -40655,12 +42383,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
@@ -40780,106 +42508,80 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
     return result;
 }
 
-/* ---- sizes ---- */
+/* ---- the preconditioner ---- */
 
-SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
-SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
-SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
-SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+SBI_API sb_real sbi_body_poisson(const sb_body *body)
 {
-    sb_preconditioner_info none;
-    if (!body) {
-        memset(&none, 0, sizeof none);
-        return none;
+    sb_real largest = -1;
+    for (int k = 0; k < body->material_count; k++) {
+        sb_real poisson = sb_material_poisson(body->materials + k);
+        largest = poisson > largest ? poisson : largest;
     }
-    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+    return largest;
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
 
-/* ---- properties ---- */
-
-SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error)
 {
+    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
+    return sb_preconditioner_update(precond, matrix, body->position, error);
+}
+
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
     sb_result result;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_material(body, -1, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    for (int i = 0; i < body->material_count; i++)
-        body->materials[i] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, -1, body->displacement);
-    sbi_body_tell_material(body, 1, 0, material);
-    return SB_OK;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
 }
 
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error)
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
 {
-    sb_result result;
-    int at, found;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
-    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
-    if (!found)
-        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    settings.kind = def->preconditioner;
+    settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
     if (result == SB_OK)
-        result = sbi_body_prepare_material(body, at, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    body->materials[at] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, at, body->displacement);
-    sbi_body_tell_material(body, 0, region, material);
-    return SB_OK;
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
 }
 
-SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
-{
-    if (!body)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    body->gravity = gravity;
-    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
-    return SB_OK;
-}
+/* ==== src/softbody/body/body_support.c ==== */
+/* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
-{
-    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
-        return SB_ERROR_ARGUMENT;
-    body->tolerance = tolerance;
-    body->max_iterations = max_iterations;
-    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
-    return SB_OK;
-}
+#include <string.h>
 
 /* ---- faces ---- */
 
-/* 1 when the named corners of an element (all different) are those of the list. */
-static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
 {
     int found = 0;
     for (int k = 0; k < count; k++)
@@ -40958,7 +42660,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
@@ -41067,7 +42769,291 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
 
-/* ---- state ---- */
+/* ---- what holds the parts ---- */
+
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
+{
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
+{
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
+}
+
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            return 0;
+    return part >= 0;
+}
+
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
+{
+    int parts = 0;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
+}
+
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
+                continue;
+            sbi_body_row_motion(body, row, part, r);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
+{
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
+{
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+static void sbi_body_hold_supports(const sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
+    for (int c = 0; c < body->component_count; c++)
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
+    return -1;
+}
+
+/* ==== src/softbody/body/body_read.c ==== */
+/* body_read: sizes, motion and what can be read from it. */
+
+#include <string.h>
+
+/* ---- sizes ---- */
+
+SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
+SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
+SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    sb_preconditioner_info none;
+    if (!body) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+
+/* ---- motion ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body ? body->displacement : NULL; }
@@ -41433,270 +43419,10 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
     sbi_run(&body->jobs, sbi_body_turn_task, &turning, sbi_row_chunks(turning.count));
 }
 
-/* ---- what holds the parts ---- */
+/* ==== src/softbody/body/body_check.c ==== */
+/* body_check: what is unusual about a body. */
 
-/* Arm of a node about the centre of its part, in units of the part's size. */
-static void sbi_body_arm(const sb_body *body, int node, double arm[3])
-{
-    sb_vec3 low = body->component_low[body->node_component[node]];
-    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
-    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
-    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
-    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
-    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
-}
-
-/* r += weight times what the six rigid motions do to one axis of a node. */
-static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
-{
-    double arm[3];
-    sbi_body_arm(body, node, arm);
-    r[axis] += weight;
-    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
-}
-
-/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
-static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
-{
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
-}
-
-/* One row along one axis (of rows that are for all three). */
-typedef struct sbi_body_row {
-    const int *nodes, *dofs; /* one of them */
-    const sb_real *weights;
-    int count, axis;
-    double scale;
-} sbi_body_row;
-
-static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
-{
-    sbi_body_row row;
-    int first = rows->start[index];
-    row.nodes = rows->nodes ? rows->nodes + first : NULL;
-    row.dofs = rows->nodes ? NULL : rows->dofs + first;
-    row.weights = rows->weights + first;
-    row.count = rows->start[index + 1] - first;
-    row.axis = axis;
-    row.scale = 0;
-    for (int k = 0; k < row.count; k++)
-        row.scale += (double)sb_abs(row.weights[k]);
-    return row;
-}
-
-static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
-}
-
-/* What all terms of one part do to the row. */
-static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
-{
-    memset(r, 0, 6 * sizeof *r);
-    for (int k = 0; k < row->count; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
-                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
-}
-
-/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
-static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    int part = sbi_body_row_part(body, row, term);
-    for (int k = 0; k < term; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            return 0;
-    return part >= 0;
-}
-
-/* 1 when a row goes through several parts. */
-static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
-{
-    int parts = 0;
-    for (int k = 0; k < row->count && parts < 2; k++)
-        parts += sbi_body_is_new_part(body, row, k);
-    return parts > 1;
-}
-
-/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
-static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    int tied = sbi_body_is_tie(body, row);
-    for (int a = 0; a < row->count && row->scale > 0; a++)
-        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
-            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
-            double r[6], s[6];
-            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
-                continue;
-            sbi_body_row_motion(body, row, part, r);
-            if (tied)
-                sbi_body_row_motion(body, row, other, s);
-            if (tied)
-                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
-            else
-                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
-        }
-}
-
-/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
- * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
-static int sbi_body_free_motion(double *gram, int parts, double *traces)
-{
-    int size = 6 * parts;
-    size_t n = (size_t)size;
-    for (int p = 0; p < parts; p++) {
-        traces[p] = 0;
-        for (int i = 6 * p; i < 6 * p + 6; i++)
-            traces[p] += gram[(size_t)i * (n + 1)];
-    }
-    for (int step = 0; step < size; step++) {
-        int pivot = -1, first = -1;
-        for (int i = 0; i < size; i++) {
-            double d = gram[(size_t)i * (n + 1)];
-            if (d < 0) /* done: marked below */
-                continue;
-            first = first < 0 ? i : first;
-            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
-                pivot = i;
-        }
-        if (pivot < 0)
-            return first;
-        for (int i = 0; i < size; i++) {
-            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
-            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
-                continue;
-            for (int j = 0; j < size; j++)
-                if (j != pivot)
-                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
-            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
-                gram[(size_t)i * (n + 1)] = 0;
-        }
-        gram[(size_t)pivot * (n + 1)] = -1;
-    }
-    return -1;
-}
-
-/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
-static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
-{
-    for (int j = 0; j < rows->count; j++) {
-        sbi_body_row row = sbi_body_make_row(rows, j, 0);
-        int tied = sbi_body_is_tie(body, &row);
-        for (int k = 0; k < row.count && tied; k++) {
-            int part = sbi_body_row_part(body, &row, k);
-            if (part >= 0 && body->tie_of[part] < 0)
-                body->tie_of[part] = count++;
-        }
-    }
-    return count;
-}
-
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
-{
-    int count = sbi_body_number_ties(body, rows, body->tie_count);
-    if (count > body->tie_capacity) {
-        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
-        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
-        for (int c = 0; c < body->component_count && !gram; c++)
-            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
-        if (!gram)
-            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
-        sbi_free(&body->allocator, body->tie_gram);
-        body->tie_gram = gram;
-        body->tie_capacity = count;
-    }
-    body->tie_count = count;
-    return SB_OK;
-}
-
-/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
-static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
-{
-    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
-    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
-        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
-            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
-            sbi_body_hold_row(body, &row);
-        }
-}
-
-static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
-{
-    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
-    for (int j = 0; j < rows.count; j++) {
-        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
-        sbi_body_hold_row(body, &row);
-    }
-}
-
-static void sbi_body_hold_supports(const sb_body *body)
-{
-    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    for (int i = 0; i < body->domain.node_count; i++)
-        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
-            if (body->fixed[i] >> axis & 1) {
-                double r[6] = {0, 0, 0, 0, 0, 0};
-                sbi_body_add_motion(body, i, axis, 1, r);
-                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
-            }
-}
-
-/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
-static int sbi_body_is_held_by_supports(const sb_body *body)
-{
-    double trace;
-    sbi_body_hold_supports(body);
-    for (int c = 0; c < body->component_count; c++)
-        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
-            return 0;
-    return 1;
-}
-
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    sbi_body_hold_supports(body);
-    if (stride)
-        memset(body->tie_gram, 0, stride * stride * sizeof(double));
-    for (int l = 0; l < body->load_count; l++)
-        sbi_body_hold_load(body, body->loads + l);
-    if (body->elimination)
-        sbi_body_hold_equations(body, &body->elimination->equations);
-    for (int c = 0; c < body->component_count; c++)
-        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
-            for (int j = 0; j < 6; j++)
-                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
-                               (size_t)j] += body->support_grams[c][6 * i + j];
-}
-
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
-{
-    int loose = -1; /* number of a tied part that is free */
-    if (sbi_body_is_held_by_supports(body))
-        return -1;
-    sbi_body_gather_holds(body);
-    if (body->tie_count > 0) {
-        size_t n = 6 * (size_t)body->tie_count;
-        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
-        loose = motion < 0 ? -1 : motion / 6;
-    }
-    for (int c = 0; c < body->component_count; c++) {
-        double trace;
-        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
-            continue;
-        for (int i = 0; i < body->domain.node_count; i++)
-            if (body->node_component[i] == c)
-                return i;
-    }
-    return -1;
-}
-
-/* ---- set-up check ---- */
+#include <string.h>
 
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
@@ -41814,6 +43540,356 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_COMPONENTS: return "the mesh has more than one connected part";
     default: return "unknown warning";
     }
+}
+
+/* ==== src/softbody/body/body.c ==== */
+/* body: made and taken away; settings, and who hears of changes. */
+
+#include <string.h>
+
+#define SBI_BODY_COOKIE 0x5b0d1u
+
+SB_API sb_body_def sb_default_body_def(void)
+{
+    sb_body_def def;
+    memset(&def, 0, sizeof def);
+    def.integration = SB_INTEGRATION_AUTO;
+    def.mass = SB_MASS_LUMPED;
+    def.integrator = SB_EULER;
+    def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 500;
+    def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
+    def.newton_tolerance = (sb_real)1e-6;
+    def.cookie = SBI_BODY_COOKIE;
+    return def;
+}
+
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (body->observe)
+        body->observe(body->observer, command);
+}
+
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
+{
+    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
+                                    "a replay would not know of it")
+                         : SB_OK;
+}
+
+/* ---- creation: arguments ---- */
+
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+{
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
+    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
+                        (double)def->damping_mass, (double)def->damping_stiffness);
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
+    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
+                        (double)def->newton_tolerance);
+    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
+                        def->max_iterations, def->max_newton);
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
+    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_BODY_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
+    if (!def->mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
+    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
+    result = sbi_body_check_settings(def, error);
+    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
+        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
+    return result;
+}
+
+/* ---- creation: memory ---- */
+
+/* Lays out every array of the body; walked once to measure and once to hand out. */
+static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->domain.node_count;
+    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
+                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
+                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
+                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
+                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
+                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
+                           &body->work,      &body->work2};
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+                                                 sizeof(sb_real));
+    if (body->mass_kind != SB_MASS_LUMPED)
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+}
+
+static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    sbi_body_layout(body, &arena);
+    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
+                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
+    if (!body->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
+    base = (unsigned char *)body->memory;
+    memset(base, 0, arena.used + 64);
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    sbi_body_layout(body, &arena);
+    return SB_OK;
+}
+
+/* ---- creation: topology ---- */
+
+/* Parts of the mesh, elements of each node, and the matrix pattern. */
+static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
+                                          error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
+                                  domain->cells, &body->allocator, &body->matrix, error);
+    return result;
+}
+
+/* Grows the bounding box of a part by one of its nodes. */
+static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+}
+
+/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
+static void sbi_body_label_nodes(sb_body *body)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        body->tie_of[c] = -1;
+    }
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        int lonely = first == lists->offsets[i + 1];
+        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
+        body->fixed[i] = lonely ? SB_XYZ : 0;
+        if (!lonely)
+            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
+    }
+}
+
+/* ---- creation and its end ---- */
+
+static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    uint64_t *node_colours;
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
+    if (result == SB_OK)
+        result = sbi_body_make_materials(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_make_topology(body, def->mesh, error);
+    if (result == SB_OK)
+        result = sbi_body_take_memory(body, error);
+    if (result == SB_OK)
+        result = sbi_body_make_preconditioner(body, def, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+    if (result != SB_OK)
+        return result;
+    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(allocator, node_colours);
+    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_materials_changed(body);
+    sb_body_reset(body);
+    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
+}
+
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
+{
+    sb_body *made;
+    sb_result result;
+    if (!def || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
+    result = sbi_body_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
+    made->allocator = def->allocator;
+    made->jobs = def->jobs;
+    made->clock = def->clock;
+    made->mass_kind = def->mass;
+    made->integrator = def->integrator;
+    made->gravity = def->gravity;
+    made->damping_mass = def->damping_mass;
+    made->damping_stiffness = def->damping_stiffness;
+    made->tolerance = def->tolerance;
+    made->newton_tolerance = def->newton_tolerance;
+    made->max_iterations = def->max_iterations;
+    made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
+    result = sbi_body_build(made, def, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *body = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_destroy(sb_body *body)
+{
+    sb_allocator allocator;
+    if (!body)
+        return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
+    allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_free(&allocator, body->loads[i].memory);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
+    sb_pcg_workspace_free(&body->pcg);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    sb_index_table_free(&body->element_component);
+    sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
+    sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->support_blocks);
+    sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
+    sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->materials);
+    sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->memory);
+    sbi_free(&allocator, body);
+}
+
+/* ---- settings ---- */
+
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
+{
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
+{
+    const sb_real damping[2] = {alpha, beta};
+    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
+    body->damping_mass = alpha;
+    body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
+{
+    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
+        return SB_ERROR_ARGUMENT;
+    body->tolerance = tolerance;
+    body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/load.c ==== */
@@ -46432,7 +48508,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, con
             y[i] = sum;
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             const sb_real *m = matrix->blocks[k];
             sb_vec3 v = x[matrix->columns[k]];
             sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
@@ -47209,7 +49285,7 @@ static void sbi_newton_keep_support_rows(sb_body *b)
     sb_real(*out)[9] = b->support_blocks;
     for (int i = 0; i < matrix->row_count; i++)
         if (b->fixed[i] && b->node_component[i] >= 0) {
-            int count = matrix->row_start[i + 1] - matrix->row_start[i];
+            int count = matrix->row_end[i] - matrix->row_start[i];
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
@@ -47244,7 +49320,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
@@ -48390,7 +50466,7 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -49391,7 +51467,7 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
-            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+            needed += matrix->row_end[i] - matrix->row_start[i];
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }

@@ -317,7 +317,7 @@ static void sbi_newton_keep_support_rows(sb_body *b)
     sb_real(*out)[9] = b->support_blocks;
     for (int i = 0; i < matrix->row_count; i++)
         if (b->fixed[i] && b->node_component[i] >= 0) {
-            int count = matrix->row_start[i + 1] - matrix->row_start[i];
+            int count = matrix->row_end[i] - matrix->row_start[i];
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
@@ -352,7 +352,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
