@@ -4441,6 +4441,7 @@ typedef struct sb_matrix {
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
+    struct sbi_matrix_live *live; /* internal, of a matrix that follows a mesh that changes; otherwise NULL */
     sb_allocator allocator;
 } sb_matrix;
 
@@ -7820,28 +7821,124 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
     return result == SB_OK ? sbi_element_table_check_mass(table, error) : result;
 }
 
-/* ==== src/softbody/mesh/mesh.c ==== */
-/* mesh: checks, geometry, repairs, topology, reordering.
- *
- * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
- * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
- * and leaves equal keys side by side in the order of the elements, so every result is unique. */
+/* ==== src/softbody/mesh/mesh_private.h ==== */
+/* mesh_private: what the sources of a mesh share: samples of an element, keys, connected parts. */
+#ifndef SBI_MESH_PRIVATE_H
+#define SBI_MESH_PRIVATE_H
+
 
 #include <limits.h>
-#include <stdio.h>
 #include <string.h>
 
-#define SBI_MESH_LISTED 8 /* elements that an error message names */
+/* ---- mesh.c ---- */
 
-static sb_result sbi_mesh_no_memory(sb_error *error)
+SB_INLINE sb_result sbi_mesh_no_memory(sb_error *error)
 {
     return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the tables of a mesh");
 }
 
-static const int *sbi_mesh_element(const sb_mesh *mesh, int element)
+SB_INLINE const int *sbi_mesh_element(const sb_mesh *mesh, int element)
 {
     return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
+
+SB_INLINE void sbi_mesh_swap(int *nodes, int a, int b)
+{
+    int keep = nodes[a];
+    nodes[a] = nodes[b];
+    nodes[b] = keep;
+}
+
+SB_INLINE int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
+{
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
+}
+
+SBI_API void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator);
+/* Counts, type and pointers; what the arrays hold is not looked at. */
+SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error);
+SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error);
+/* An index of the element that names no node, through *index; 0 when there is none. */
+SBI_API int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index);
+/* Keeps the nodes with keep[v] == v in their order and points every index i at node keep[i]; keep is
+ * overwritten. keep[v] <= v. Returns the number of nodes removed. */
+SBI_API int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep);
+SBI_API sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error);
+
+/* ---- mesh_shape.c ---- */
+
+/* hex27 has the most: its nodes and its 27 points. */
+enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
+
+/* Shape functions at a set of points, made once for all elements. */
+typedef struct sbi_mesh_table {
+    int count;
+    sb_real weight[SBI_MESH_SAMPLES];
+    sb_real shape[SBI_MESH_SAMPLES][SBI_MESH_NODES];
+    sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
+} sbi_mesh_table;
+
+/* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
+ * over- or underflows at any scale of the mesh; `rounding`: bound of the relative error of a Jacobian made
+ * from them. */
+typedef struct sbi_mesh_local {
+    sb_vec3 x[SBI_MESH_NODES];
+    sb_real size, rounding;
+} sbi_mesh_local;
+
+SB_INLINE sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
+
+SB_INLINE sb_real sbi_mesh_corner_det(const sb_vec3 *x)
+{
+    return sb_m3_det(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+}
+
+/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
+SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element);
+/* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
+ * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
+ * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
+SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element);
+SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local);
+/* Columns dx/dxi at sample `point` of the table. */
+SBI_API sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x);
+/* First defect that an element has by itself (so not SB_MESH_DUPLICATE). */
+SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element);
+/* Box around the finite nodes; 0 when there are none. */
+SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
+/* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
+                                    sb_vec3 origin, double *area, double *flux);
+/* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
+ * leave out. */
+SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume);
+/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
+SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element);
+
+/* ---- mesh_keys.c ---- */
+
+enum { SBI_MESH_ALONE = -1, SBI_MESH_CROWDED = -2 };
+
+/* mate[part]: the one other part with the same key, or ALONE, or CROWDED (two others or more, or skipped). */
+SBI_API int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator);
+/* The smaller root becomes the root of both, so roots come first in every numbering. */
+SBI_API void sbi_mesh_unite(int *parent, int a, int b);
+/* Labels of the parts that share nodes, in the order of their first elements; skipped elements get -1.
+ * scratch: [node_count]. Returns the number of parts. */
+SBI_API int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch);
+/* 1 when the element runs through its edge `side` from the smaller node to the larger. */
+SBI_API int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side);
+SBI_API int sbi_mesh_count_runs(const sbi_mesh_keys *keys);
+
+/* ---- mesh_topology.c ---- */
+
+/* Node to element lists; 0 when memory is short or the entries do not fit an int. */
+SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists);
+
+#endif /* SBI_MESH_PRIVATE_H */
+
+/* ==== src/softbody/mesh/mesh.c ==== */
+/* mesh: arrays of a mesh: checked, allocated, copied, appended, freed. */
 
 /* ---- life ---- */
 
@@ -7855,7 +7952,7 @@ SB_API void sb_mesh_free(sb_mesh *mesh)
     memset(mesh, 0, sizeof *mesh);
 }
 
-static void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator)
+SBI_API void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator)
 {
     memset(target, 0, sizeof *target);
     if (allocator)
@@ -7890,8 +7987,7 @@ SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_coun
                                   allocator);
 }
 
-/* Counts, type and pointers; what the arrays hold is not looked at. */
-static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
+SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
@@ -7915,7 +8011,7 @@ static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
     return SB_OK;
 }
 
-static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
+SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (!sb_v3_is_finite(mesh->nodes[i]))
@@ -7924,8 +8020,7 @@ static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
     return SB_OK;
 }
 
-/* An index of the element that names no node, through *index; 0 when there is none. */
-static int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
+SBI_API int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -8011,18 +8106,36 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
     return SB_OK;
 }
 
+SBI_API int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
+{
+    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    int kept = 0, removed;
+    for (int v = 0; v < mesh->node_count; v++) {
+        if (keep[v] == v) {
+            mesh->nodes[kept] = mesh->nodes[v];
+            keep[v] = kept++;
+        } else if (keep[v] >= 0) {
+            keep[v] = keep[keep[v]]; /* its representative comes before it and has its new number */
+        }
+    }
+    for (size_t i = 0; i < indices; i++)
+        mesh->elements[i] = keep[mesh->elements[i]];
+    removed = mesh->node_count - kept;
+    mesh->node_count = kept;
+    return removed;
+}
+
+SBI_API sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error)
+{
+    if (!output)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the output is NULL");
+    return sbi_mesh_check_arrays(mesh, error);
+}
+
+/* ==== src/softbody/mesh/mesh_shape.c ==== */
+/* mesh_shape: what follows from the shape of an element: Jacobians, defects, volumes, areas, quality, angles. */
+
 /* ---- Jacobians ---- */
-
-/* hex27 has the most: its nodes and its 27 points. */
-enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
-
-/* Shape functions at a set of points, made once for all elements. */
-typedef struct sbi_mesh_table {
-    int count;
-    sb_real weight[SBI_MESH_SAMPLES];
-    sb_real shape[SBI_MESH_SAMPLES][SBI_MESH_NODES];
-    sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
-} sbi_mesh_table;
 
 static void sbi_mesh_table_add(sbi_mesh_table *table, sbi_element element, const sb_real xi[3], sb_real weight)
 {
@@ -8038,18 +8151,14 @@ static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, 
         sbi_mesh_table_add(table, element, points[i], weights[i]);
 }
 
-/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
-static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
+SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
     sbi_mesh_table_add_rule(table, element,
                             element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
-/* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
- * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
- * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
-static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
+SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
 {
     sb_real xi[3] = {0, 0, 0}, points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_element_type type = element.type, sampled = type == SB_HEX20 ? SB_HEX27 : type;
@@ -8069,17 +8178,7 @@ static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element
         sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_MASS);
 }
 
-/* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
- * over- or underflows at any scale of the mesh; `rounding`: bound of the relative error of a Jacobian made
- * from them. */
-typedef struct sbi_mesh_local {
-    sb_vec3 x[SBI_MESH_NODES];
-    sb_real size, rounding;
-} sbi_mesh_local;
-
-static sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
-
-static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
+SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -8100,8 +8199,7 @@ static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local
     }
 }
 
-/* Columns dx/dxi at sample `point` of the table. */
-static sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x)
+SBI_API sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x)
 {
     sb_vec3 column[3];
     for (int k = 0; k < 3; k++) {
@@ -8110,11 +8208,6 @@ static sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int nod
             column[k] = sb_v3_madd(column[k], table->gradient[point][a][k], x[a]);
     }
     return sb_m3_columns(column[0], column[1], column[2]);
-}
-
-static sb_real sbi_mesh_corner_det(const sb_vec3 *x)
-{
-    return sb_m3_det(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
 }
 
 /* ---- defects of one element ---- */
@@ -8190,8 +8283,7 @@ static int sbi_mesh_has_repeated_node(const int *nodes, int count)
     return 0;
 }
 
-/* First defect that an element has by itself (so not SB_MESH_DUPLICATE). */
-static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh), index;
@@ -8205,74 +8297,262 @@ static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mes
     return sbi_mesh_shape_defect(mesh, table, element);
 }
 
-/* ---- validation ---- */
-
-/* The elements with one kind of defect: how many, and the first few. */
-typedef struct sbi_mesh_offenders {
-    int count;
-    int first[SBI_MESH_LISTED];
-} sbi_mesh_offenders;
-
-static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
+SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
 {
-    switch (defect) {
-    case SB_MESH_INDEX_RANGE: return "with a node index out of range";
-    case SB_MESH_NODE_NOT_FINITE: return "with a node that is not finite";
-    case SB_MESH_REPEATED_NODE: return "with a node used twice";
-    case SB_MESH_INVERTED: return "inverted (negative volume)";
-    case SB_MESH_FLAT: return "flat (zero volume)";
-    case SB_MESH_BAD_MIDSIDE: return "folded by a misplaced mid-edge node";
-    case SB_MESH_DUPLICATE: return "with the corners of an element before it";
-    case SB_MESH_SOUND:
-    case SB_MESH_DEFECT_COUNT: break;
+    int found = 0;
+    for (int v = 0; v < mesh->node_count; v++) {
+        sb_vec3 x = mesh->nodes[v];
+        if (!sb_v3_is_finite(x))
+            continue;
+        *low = found ? sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z)) : x;
+        *high = found ? sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z)) : x;
+        found = 1;
     }
-    return "sound";
+    return found;
 }
 
-/* "3 elements inverted (negative volume): 3, 17, 40" */
-static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
-                                        sb_mesh_defect defect, sb_error *error)
+/* ---- geometry ---- */
+
+static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
-    char list[16 * SBI_MESH_LISTED], index_text[64];
-    size_t used = 0;
-    int listed = offenders->count < SBI_MESH_LISTED ? offenders->count : SBI_MESH_LISTED, index = 0;
-    list[0] = index_text[0] = 0;
-    for (int i = 0; i < listed; i++)
-        used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
-    if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
-        snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
-    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
-                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
-                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
-                            offenders->count > listed ? ", ..." : "");
+    const int *nodes = sbi_mesh_element(mesh, element);
+    int n = sb_mesh_element_width(mesh);
+    sb_vec3 x[SBI_MESH_NODES];
+    sb_real volume = 0;
+    for (int a = 0; a < n; a++)
+        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
+    if (mesh->element_type == SB_TET4)
+        return sb_v3_dot(x[1], sb_v3_cross(x[2], x[3])) / 6;
+    for (int i = 0; i < table->count; i++)
+        volume += table->weight[i] * sb_m3_det(sbi_mesh_jacobian(table, i, n, x));
+    return volume;
 }
 
-SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
+                                    sb_vec3 origin, double *area, double *flux)
 {
-    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
-                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
-    sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
+    const int *nodes = sbi_mesh_element(mesh, element);
+    int n = sb_mesh_element_width(mesh);
+    sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
+    *area = *flux = 0;
+    for (int a = 0; a < n; a++)
+        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
+    for (int i = 0; i < table->count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, n, x);
+        sb_vec3 normal = sb_v3_cross(sb_m3_column(jacobian, 0), sb_m3_column(jacobian, 1)), point = offset;
+        for (int a = 0; a < n; a++)
+            point = sb_v3_madd(point, table->shape[i][a], x[a]);
+        *area += (double)(table->weight[i] * sb_v3_norm(normal));
+        *flux += (double)(table->weight[i] * sb_v3_dot(point, normal)) / 3;
+    }
+}
+
+static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
+{
+    return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
+           sb_mesh_element_width(mesh) > 0;
+}
+
+SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
+{
     sbi_mesh_table table;
-    sb_result result = sbi_mesh_check_shape(mesh, error);
-    if (result == SB_OK)
-        result = sbi_mesh_check_nodes(mesh, error);
-    if (result != SB_OK)
-        return result;
-    memset(found, 0, sizeof found);
-    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
-    for (int e = 0; e < mesh->element_count; e++) {
-        sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
-        if (found[defect].count < SBI_MESH_LISTED)
-            found[defect].first[found[defect].count] = e;
-        found[defect].count++;
-    }
-    if (sb_element_dimension(mesh->element_type) == 2)
-        found[SB_MESH_FLAT].count = 0; /* a sliver triangle harms no target or visual surface */
-    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++)
-        if (found[order[i]].count)
-            return sbi_mesh_fail_elements(mesh, &found[order[i]], order[i], error);
-    return SB_OK;
+    if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
+        return 0;
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
+    return sbi_mesh_volume_of(mesh, &table, element);
 }
+
+SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume)
+{
+    sbi_mesh_table table;
+    sb_vec3 origin = sb_v3(0, 0, 0);
+    int has_origin = 0;
+    *area = *volume = 0;
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
+    for (int e = 0; e < mesh->element_count; e++) {
+        double element_area = 0, element_volume = 0;
+        if (bad && bad[e])
+            continue;
+        if (!has_origin)
+            origin = mesh->nodes[sbi_mesh_element(mesh, e)[0]], has_origin = 1;
+        if (sb_element_dimension(mesh->element_type) == 3)
+            element_volume = (double)sbi_mesh_volume_of(mesh, &table, e);
+        else
+            sbi_mesh_area_and_flux(mesh, &table, e, origin, &element_area, &element_volume);
+        *area += element_area;
+        *volume += element_volume;
+    }
+}
+
+SB_API sb_real sb_mesh_volume(const sb_mesh *mesh)
+{
+    double area = 0, volume = 0;
+    if (sbi_mesh_has_element(mesh, 0))
+        sbi_mesh_measure(mesh, NULL, &area, &volume);
+    return (sb_real)volume;
+}
+
+SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
+{
+    double area = 0, volume = 0;
+    if (sbi_mesh_has_element(mesh, 0) && sb_element_dimension(mesh->element_type) == 2)
+        sbi_mesh_measure(mesh, NULL, &area, &volume);
+    return (sb_real)area;
+}
+
+SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
+{
+    if (!low || !high)
+        return;
+    *low = *high = sb_v3(0, 0, 0);
+    if (mesh && mesh->nodes)
+        sbi_mesh_finite_bounds(mesh, low, high);
+}
+
+static sb_real sbi_mesh_edge_squares(sb_element_type type, const sb_vec3 *x)
+{
+    sb_real sum = 0;
+    int ends[3];
+    for (int i = 0; i < sb_element_edge_count(type); i++) {
+        sb_vec3 edge;
+        sb_element_edge(type, i, ends);
+        edge = sb_v3_sub(x[ends[1]], x[ends[0]]);
+        sum += sb_v3_dot(edge, edge);
+    }
+    return sum;
+}
+
+/* 12 (3V)^(2/3) / sum of squared edges, with the sign of V. */
+static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
+{
+    sb_real det = sbi_mesh_corner_det(x), root;
+    if (det == 0)
+        return 0;
+    root = sb_cbrt(sb_abs(det) / 2); /* 3V = det / 2 */
+    return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
+}
+
+/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
+ * a quad is its mean normal. */
+static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
+                                        const sb_vec3 *x)
+{
+    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
+    sb_real worst = 1;
+    for (int i = 0; i < count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
+        sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
+                c = is_quad ? mean : sb_m3_column(jacobian, 2);
+        sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
+        sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
+        worst = sb_min(worst, quality);
+    }
+    return worst;
+}
+
+static sb_real sbi_mesh_triangle_quality(const sb_vec3 *x)
+{
+    sb_real doubled = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])));
+    return (sb_real)3.46410161513775458705 * doubled / sbi_mesh_edge_squares(SB_TRI3, x);
+}
+
+/* Smallest over largest Jacobian: 1 for straight edges. */
+static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec3 *x)
+{
+    sb_real low = SB_REAL_MAX, high = 0;
+    for (int i = 0; i < table->count; i++) {
+        sb_real det = sb_m3_det(sbi_mesh_jacobian(table, i, 10, x));
+        low = sb_min(low, det);
+        high = sb_max(high, det);
+    }
+    return high > 0 ? low / high : (sb_real)0;
+}
+
+SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+{
+    sb_real quality;
+    sbi_mesh_local local;
+    sbi_mesh_local_make(mesh, element, &local);
+    if (!(local.size > 0))
+        return 0;
+    switch (mesh->element_type) {
+    case SB_TET4: return sbi_mesh_tet_quality(local.x);
+    case SB_TET10:
+        quality = sbi_mesh_tet_quality(local.x);
+        return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
+    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
+    case SB_HEX20:
+    case SB_HEX27:
+    case SB_CUSTOM:
+        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_QUAD4:
+    case SB_QUAD8:
+    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
+    case SB_TRI3:
+    case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
+    case SB_NO_ELEMENT: break;
+    }
+    return 0;
+}
+
+SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
+{
+    sbi_mesh_table table;
+    if (!sbi_mesh_has_element(mesh, element))
+        return 0;
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
+    return sbi_mesh_quality_of(mesh, &table, element);
+}
+
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && mesh->nodes && mesh->elements &&
+                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
+}
+
+/* ==== src/softbody/mesh/mesh_keys.c ==== */
+/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one place.
+ *
+ * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
+ * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
+ * and leaves equal keys side by side in the order of the elements, so every result is unique. */
 
 /* ---- keys: faces, edges and elements by their sorted corners ---- */
 
@@ -8406,10 +8686,7 @@ SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
     return end;
 }
 
-enum { SBI_MESH_ALONE = -1, SBI_MESH_CROWDED = -2 };
-
-/* mate[part]: the one other part with the same key, or ALONE, or CROWDED (two others or more, or skipped). */
-static int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator)
+SBI_API int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator)
 {
     int *mate = (int *)sbi_alloc(allocator, (size_t)keys->count, sizeof(int));
     for (int p = 0; mate && p < keys->count; p++)
@@ -8437,8 +8714,7 @@ static int sbi_mesh_find(int *parent, int i)
     return i;
 }
 
-/* The smaller root becomes the root of both, so roots come first in every numbering. */
-static void sbi_mesh_unite(int *parent, int a, int b)
+SBI_API void sbi_mesh_unite(int *parent, int a, int b)
 {
     int root_a = sbi_mesh_find(parent, a), root_b = sbi_mesh_find(parent, b);
     if (root_a < root_b)
@@ -8447,9 +8723,7 @@ static void sbi_mesh_unite(int *parent, int a, int b)
         parent[root_a] = root_b;
 }
 
-/* Labels of the parts that share nodes, in the order of their first elements; skipped elements get -1.
- * scratch: [node_count]. Returns the number of parts. */
-static int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
+SBI_API int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
 {
     int n = sb_mesh_element_width(mesh), count = 0;
     for (int v = 0; v < mesh->node_count; v++)
@@ -8539,21 +8813,6 @@ static void sbi_mesh_grid_add(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
     grid->head[bucket] = node;
 }
 
-/* Box around the finite nodes; 0 when there are none. */
-static int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
-{
-    int found = 0;
-    for (int v = 0; v < mesh->node_count; v++) {
-        sb_vec3 x = mesh->nodes[v];
-        if (!sb_v3_is_finite(x))
-            continue;
-        *low = found ? sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z)) : x;
-        *high = found ? sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z)) : x;
-        found = 1;
-    }
-    return found;
-}
-
 /* Cells of four tolerances keep the nodes per cell few and mostly spare a look at the neighbours; never below
  * the spacing of numbers, so that cell indices fit. 0: the box is too large for its size to be a number. */
 static int sbi_mesh_grid_setup(const sb_mesh *mesh, sb_real tolerance, sbi_mesh_grid *grid)
@@ -8603,244 +8862,96 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
     return removed;
 }
 
-/* ---- geometry ---- */
-
-static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+SBI_API int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_mesh_element_width(mesh);
-    sb_vec3 x[SBI_MESH_NODES];
-    sb_real volume = 0;
-    for (int a = 0; a < n; a++)
-        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
-    if (mesh->element_type == SB_TET4)
-        return sb_v3_dot(x[1], sb_v3_cross(x[2], x[3])) / 6;
-    for (int i = 0; i < table->count; i++)
-        volume += table->weight[i] * sb_m3_det(sbi_mesh_jacobian(table, i, n, x));
-    return volume;
+    int ends[3] = {0, 0, 0};
+    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
+    return nodes[ends[0]] < nodes[ends[1]];
 }
 
-/* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
-static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                   sb_vec3 origin, double *area, double *flux)
+SBI_API int sbi_mesh_count_runs(const sbi_mesh_keys *keys)
 {
-    const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_mesh_element_width(mesh);
-    sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
-    *area = *flux = 0;
-    for (int a = 0; a < n; a++)
-        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
-    for (int i = 0; i < table->count; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, n, x);
-        sb_vec3 normal = sb_v3_cross(sb_m3_column(jacobian, 0), sb_m3_column(jacobian, 1)), point = offset;
-        for (int a = 0; a < n; a++)
-            point = sb_v3_madd(point, table->shape[i][a], x[a]);
-        *area += (double)(table->weight[i] * sb_v3_norm(normal));
-        *flux += (double)(table->weight[i] * sb_v3_dot(point, normal)) / 3;
+    int runs = 0;
+    for (int begin = 0; begin < keys->sorted; begin = sbi_mesh_run_end(keys, begin))
+        runs++;
+    return runs;
+}
+
+/* ==== src/softbody/mesh/mesh_check.c ==== */
+/* mesh_check: validation, which names bad elements, and the report of everything suspicious. */
+
+#include <stdio.h>
+
+#define SBI_MESH_LISTED 8 /* elements that an error message names */
+
+/* ---- validation ---- */
+
+/* The elements with one kind of defect: how many, and the first few. */
+typedef struct sbi_mesh_offenders {
+    int count;
+    int first[SBI_MESH_LISTED];
+} sbi_mesh_offenders;
+
+static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
+{
+    switch (defect) {
+    case SB_MESH_INDEX_RANGE: return "with a node index out of range";
+    case SB_MESH_NODE_NOT_FINITE: return "with a node that is not finite";
+    case SB_MESH_REPEATED_NODE: return "with a node used twice";
+    case SB_MESH_INVERTED: return "inverted (negative volume)";
+    case SB_MESH_FLAT: return "flat (zero volume)";
+    case SB_MESH_BAD_MIDSIDE: return "folded by a misplaced mid-edge node";
+    case SB_MESH_DUPLICATE: return "with the corners of an element before it";
+    case SB_MESH_SOUND:
+    case SB_MESH_DEFECT_COUNT: break;
     }
+    return "sound";
 }
 
-static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
+/* "3 elements inverted (negative volume): 3, 17, 40" */
+static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
+                                        sb_mesh_defect defect, sb_error *error)
 {
-    return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
-           sb_mesh_element_width(mesh) > 0;
+    char list[16 * SBI_MESH_LISTED], index_text[64];
+    size_t used = 0;
+    int listed = offenders->count < SBI_MESH_LISTED ? offenders->count : SBI_MESH_LISTED, index = 0;
+    list[0] = index_text[0] = 0;
+    for (int i = 0; i < listed; i++)
+        used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
+    if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
+        snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
+    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
+                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
+                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
+                            offenders->count > listed ? ", ..." : "");
 }
 
-SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
+SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 {
+    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
+                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
+    sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
     sbi_mesh_table table;
-    if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
-        return 0;
-    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
-    return sbi_mesh_volume_of(mesh, &table, element);
-}
-
-/* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
- * leave out. */
-static void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume)
-{
-    sbi_mesh_table table;
-    sb_vec3 origin = sb_v3(0, 0, 0);
-    int has_origin = 0;
-    *area = *volume = 0;
-    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
-    for (int e = 0; e < mesh->element_count; e++) {
-        double element_area = 0, element_volume = 0;
-        if (bad && bad[e])
-            continue;
-        if (!has_origin)
-            origin = mesh->nodes[sbi_mesh_element(mesh, e)[0]], has_origin = 1;
-        if (sb_element_dimension(mesh->element_type) == 3)
-            element_volume = (double)sbi_mesh_volume_of(mesh, &table, e);
-        else
-            sbi_mesh_area_and_flux(mesh, &table, e, origin, &element_area, &element_volume);
-        *area += element_area;
-        *volume += element_volume;
-    }
-}
-
-SB_API sb_real sb_mesh_volume(const sb_mesh *mesh)
-{
-    double area = 0, volume = 0;
-    if (sbi_mesh_has_element(mesh, 0))
-        sbi_mesh_measure(mesh, NULL, &area, &volume);
-    return (sb_real)volume;
-}
-
-SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
-{
-    double area = 0, volume = 0;
-    if (sbi_mesh_has_element(mesh, 0) && sb_element_dimension(mesh->element_type) == 2)
-        sbi_mesh_measure(mesh, NULL, &area, &volume);
-    return (sb_real)area;
-}
-
-SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
-{
-    if (!low || !high)
-        return;
-    *low = *high = sb_v3(0, 0, 0);
-    if (mesh && mesh->nodes)
-        sbi_mesh_finite_bounds(mesh, low, high);
-}
-
-static sb_real sbi_mesh_edge_squares(sb_element_type type, const sb_vec3 *x)
-{
-    sb_real sum = 0;
-    int ends[3];
-    for (int i = 0; i < sb_element_edge_count(type); i++) {
-        sb_vec3 edge;
-        sb_element_edge(type, i, ends);
-        edge = sb_v3_sub(x[ends[1]], x[ends[0]]);
-        sum += sb_v3_dot(edge, edge);
-    }
-    return sum;
-}
-
-/* 12 (3V)^(2/3) / sum of squared edges, with the sign of V. */
-static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
-{
-    sb_real det = sbi_mesh_corner_det(x), root;
-    if (det == 0)
-        return 0;
-    root = sb_cbrt(sb_abs(det) / 2); /* 3V = det / 2 */
-    return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
-}
-
-/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
- * a quad is its mean normal. */
-static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
-                                        const sb_vec3 *x)
-{
-    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
-    sb_real worst = 1;
-    for (int i = 0; i < count; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
-        sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
-                c = is_quad ? mean : sb_m3_column(jacobian, 2);
-        sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
-        sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
-        worst = sb_min(worst, quality);
-    }
-    return worst;
-}
-
-static sb_real sbi_mesh_triangle_quality(const sb_vec3 *x)
-{
-    sb_real doubled = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])));
-    return (sb_real)3.46410161513775458705 * doubled / sbi_mesh_edge_squares(SB_TRI3, x);
-}
-
-/* Smallest over largest Jacobian: 1 for straight edges. */
-static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec3 *x)
-{
-    sb_real low = SB_REAL_MAX, high = 0;
-    for (int i = 0; i < table->count; i++) {
-        sb_real det = sb_m3_det(sbi_mesh_jacobian(table, i, 10, x));
-        low = sb_min(low, det);
-        high = sb_max(high, det);
-    }
-    return high > 0 ? low / high : (sb_real)0;
-}
-
-/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
-static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
-{
-    sb_real quality;
-    sbi_mesh_local local;
-    sbi_mesh_local_make(mesh, element, &local);
-    if (!(local.size > 0))
-        return 0;
-    switch (mesh->element_type) {
-    case SB_TET4: return sbi_mesh_tet_quality(local.x);
-    case SB_TET10:
-        quality = sbi_mesh_tet_quality(local.x);
-        return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
-    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
-    case SB_HEX20:
-    case SB_HEX27:
-    case SB_CUSTOM:
-        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
-    case SB_QUAD4:
-    case SB_QUAD8:
-    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
-    case SB_TRI3:
-    case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
-    case SB_NO_ELEMENT: break;
-    }
-    return 0;
-}
-
-SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
-{
-    sbi_mesh_table table;
-    if (!sbi_mesh_has_element(mesh, element))
-        return 0;
+    sb_result result = sbi_mesh_check_shape(mesh, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_nodes(mesh, error);
+    if (result != SB_OK)
+        return result;
+    memset(found, 0, sizeof found);
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
-    return sbi_mesh_quality_of(mesh, &table, element);
-}
-
-SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
-{
-    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
-    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
-    sb_real size[4];
-    normals[1] = sb_v3_cross(b, c);
-    normals[2] = sb_v3_cross(c, a);
-    normals[3] = sb_v3_cross(a, b);
-    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
-    *of_smallest = -1;
-    *of_largest = 1;
-    for (int i = 0; i < 4; i++)
-        size[i] = sb_v3_norm(normals[i]);
-    for (int i = 0; i < 4; i++)
-        for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
-            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
-            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
-        }
-}
-
-SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
-{
-    const sb_real degrees = (sb_real)57.295779513082321;
-    sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && mesh->nodes && mesh->elements &&
-                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
-    for (int e = 0; is_tet && e < mesh->element_count; e++) {
-        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
-        sb_vec3 corners[4];
-        sb_real of_smallest, of_largest;
-        for (int a = 0; a < 4; a++)
-            corners[a] = mesh->nodes[nodes[a]];
-        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
-        sharp = of_smallest <= sharp ? sharp : of_smallest;
-        blunt = of_largest >= blunt ? blunt : of_largest;
+    for (int e = 0; e < mesh->element_count; e++) {
+        sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
+        if (found[defect].count < SBI_MESH_LISTED)
+            found[defect].first[found[defect].count] = e;
+        found[defect].count++;
     }
-    if (smallest)
-        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
-    if (largest)
-        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        found[SB_MESH_FLAT].count = 0; /* a sliver triangle harms no target or visual surface */
+    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++)
+        if (found[order[i]].count)
+            return sbi_mesh_fail_elements(mesh, &found[order[i]], order[i], error);
+    return SB_OK;
 }
 
 /* ---- the report ---- */
@@ -8944,15 +9055,6 @@ static int sbi_mesh_check_nodes_of_report(const sb_mesh *mesh, const sb_allocato
     }
     report->duplicate_nodes = sbi_mesh_find_duplicates(mesh, -1, allocator, scratch->per_node);
     return report->duplicate_nodes >= 0;
-}
-
-/* 1 when the element runs through its edge `side` from the smaller node to the larger. */
-static int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
-{
-    const int *nodes = sbi_mesh_element(mesh, element);
-    int ends[3] = {0, 0, 0};
-    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
-    return nodes[ends[0]] < nodes[ends[1]];
 }
 
 static void sbi_mesh_check_sides(const sb_mesh *mesh, const sbi_mesh_keys *sides, sb_mesh_report *report)
@@ -9080,14 +9182,10 @@ SB_API sb_result sb_mesh_check(const sb_mesh *mesh, const sb_allocator *allocato
     return result;
 }
 
-/* ---- repairs: orientation ---- */
+/* ==== src/softbody/mesh/mesh_repair.c ==== */
+/* mesh_repair: elements turned the right way, nodes merged, nodes and elements removed, coordinates scaled. */
 
-static void sbi_mesh_swap(int *nodes, int a, int b)
-{
-    int keep = nodes[a];
-    nodes[a] = nodes[b];
-    nodes[b] = keep;
-}
+/* ---- repairs: orientation ---- */
 
 /* Mirrors an element's numbering; mid-edge nodes stay on their edges. */
 static void sbi_mesh_mirror(sb_element_type type, int *nodes)
@@ -9124,11 +9222,6 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
     case SB_CUSTOM: /* its numbering is nobody's business */
     case SB_NO_ELEMENT: break;
     }
-}
-
-static int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
-{
-    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
 /* Sign of the straight-sided volume without over- or underflow; table: that of its straight element. */
@@ -9280,27 +9373,6 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
 
 /* ---- repairs: removing nodes and elements ---- */
 
-/* Keeps the nodes with keep[v] == v in their order and points every index i at node keep[i]; keep is
- * overwritten. keep[v] <= v. Returns the number of nodes removed. */
-static int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
-{
-    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
-    int kept = 0, removed;
-    for (int v = 0; v < mesh->node_count; v++) {
-        if (keep[v] == v) {
-            mesh->nodes[kept] = mesh->nodes[v];
-            keep[v] = kept++;
-        } else if (keep[v] >= 0) {
-            keep[v] = keep[keep[v]]; /* its representative comes before it and has its new number */
-        }
-    }
-    for (size_t i = 0; i < indices; i++)
-        mesh->elements[i] = keep[mesh->elements[i]];
-    removed = mesh->node_count - kept;
-    mesh->node_count = kept;
-    return removed;
-}
-
 SB_API sb_result sb_mesh_merge_nodes(sb_mesh *mesh, sb_real tolerance, int *merged, sb_error *error)
 {
     int *keep, count;
@@ -9404,6 +9476,9 @@ SB_API sb_result sb_mesh_scale(sb_mesh *mesh, sb_real factor, sb_error *error)
     return SB_OK;
 }
 
+/* ==== src/softbody/mesh/mesh_topology.c ==== */
+/* mesh_topology: boundary, neighbours, edges, elements of a node, connected parts. */
+
 /* ---- topology ---- */
 
 SB_API void sb_index_table_free(sb_index_table *table)
@@ -9444,13 +9519,6 @@ static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns,
     table->columns = columns;
     table->items = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int) * (size_t)columns);
     return table->items != NULL;
-}
-
-static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error)
-{
-    if (!output)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the output is NULL");
-    return sbi_mesh_check_arrays(mesh, error);
 }
 
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
@@ -9625,14 +9693,6 @@ SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *all
     return result;
 }
 
-static int sbi_mesh_count_runs(const sbi_mesh_keys *keys)
-{
-    int runs = 0;
-    for (int begin = 0; begin < keys->sorted; begin = sbi_mesh_run_end(keys, begin))
-        runs++;
-    return runs;
-}
-
 SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *edges,
                                sb_error *error)
 {
@@ -9680,8 +9740,7 @@ static void sbi_mesh_fill_int(int *values, int count, int value)
         values[i] = value;
 }
 
-/* Node to element lists; 0 when memory is short or the entries do not fit an int. */
-static int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists)
+SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists)
 {
     int count = mesh->node_count, *last;
     memset(lists, 0, sizeof *lists);
@@ -9744,6 +9803,9 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
     sbi_free(allocator, scratch);
     return result;
 }
+
+/* ==== src/softbody/mesh/mesh_raise.c ==== */
+/* mesh_raise: quadratic meshes from linear ones: tet4 to tet10, hex8 to hex20 and hex27. */
 
 /* ---- tet4 to tet10, hex8 to hex20 and hex27 ---- */
 
@@ -9882,6 +9944,9 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
+
+/* ==== src/softbody/mesh/mesh_order.c ==== */
+/* mesh_order: nodes and elements renumbered for small bandwidth and good cache use. */
 
 /* ---- reverse Cuthill-McKee ----
  * George & Liu: number nodes breadth first from a node at an end of the graph, neighbours by ascending
@@ -10993,13 +11058,11 @@ SBI_API int sbi_stl_is_binary(const char *data, size_t size);
 
 #endif /* SB_MESHIO_READER_H */
 
-/* ==== src/softbody/mesh/meshio_reader.c ==== */
-/* meshio_reader: exact number parsing, the bounded reader and the loader that all mesh formats share. */
+/* ==== src/softbody/mesh/meshio_number.c ==== */
+/* meshio_number: words compared, integers and reals from text, exact to the last bit whatever the C library. */
 
 #include <float.h>
 #include <limits.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 
 /* ==== numbers ====================================================================================== */
@@ -11257,6 +11320,17 @@ static int sbi_decimal_digits(sbi_decimal *decimal, const char *text, const char
     return any;
 }
 
+static char sbi_reader_lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c; }
+
+SBI_API int sbi_word_is(sbi_word word, const char *text)
+{
+    size_t i;
+    for (i = 0; i < word.length && text[i]; i++)
+        if (sbi_reader_lower(word.text[i]) != sbi_reader_lower(text[i]))
+            return 0;
+    return i == word.length && !text[i];
+}
+
 static int sbi_word_is_not_finite(const char *text, size_t length)
 {
     /* The Microsoft spellings are 1.#INF, 1.#QNAN, -1.#IND. */
@@ -11299,6 +11373,14 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
     *value = decimal.negative ? -magnitude : magnitude;
     return 1;
 }
+
+/* ==== src/softbody/mesh/meshio_reader.c ==== */
+/* meshio_reader: the bounded reader that all mesh formats share, and a stable sort. */
+
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
 
 /* ==== reader ======================================================================================= */
 
@@ -11436,17 +11518,6 @@ SBI_API int sbi_reader_peek(const sbi_reader *reader, sbi_word *word)
 {
     sbi_reader copy = *reader;
     return sbi_reader_word(&copy, word);
-}
-
-static char sbi_reader_lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c; }
-
-SBI_API int sbi_word_is(sbi_word word, const char *text)
-{
-    size_t i;
-    for (i = 0; i < word.length && text[i]; i++)
-        if (sbi_reader_lower(word.text[i]) != sbi_reader_lower(text[i]))
-            return 0;
-    return i == word.length && !text[i];
 }
 
 SBI_API int sbi_word_equals(sbi_word word, const char *text)
@@ -11600,6 +11671,12 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
     if (from != order)
         memcpy(order, from, (size_t)count * sizeof order[0]);
 }
+
+/* ==== src/softbody/mesh/meshio_loader.c ==== */
+/* meshio_loader: kinds of cells and the loader that collects the nodes, cells and names of a file. */
+
+#include <limits.h>
+#include <string.h>
 
 /* ==== cells ======================================================================================== */
 
@@ -12114,8 +12191,6 @@ SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int c
     return SB_OK;
 }
 
-/* ---- from cells to one element type ---- */
-
 SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
                                        const char *first, const char *second)
 {
@@ -12126,156 +12201,6 @@ SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const
     place.element = loader->kind_first[kind];
     snprintf(message, sizeof message, "%s%s%s", first, format, second);
     return sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED, "%s", message);
-}
-
-/* The highest dimension in the file; counts the cells below it. */
-static int sbi_loader_find_dimension(sbi_loader *loader)
-{
-    int dimension = 0;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
-        if (loader->kind_count[kind] && sbi_cell_kind_at(kind)->dimension > dimension)
-            dimension = sbi_cell_kind_at(kind)->dimension;
-    loader->skipped_cells = 0;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
-        if (sbi_cell_kind_at(kind)->dimension < dimension)
-            loader->skipped_cells += loader->kind_count[kind];
-    return dimension;
-}
-
-static int sbi_loader_is_flat_pair(sb_element_type a, sb_element_type b)
-{
-    return (a == SB_TRI3 && b == SB_QUAD4) || (a == SB_QUAD4 && b == SB_TRI3);
-}
-
-/* The one element type of the cells of the dimension; tri3 where triangles are mixed with quadrilaterals. */
-static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, sb_element_type *type)
-{
-    int first = -1;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(kind);
-        if (!loader->kind_count[kind] || about->dimension != dimension)
-            continue;
-        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
-            return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
-        if (first < 0) {
-            first = kind;
-            *type = about->type;
-        } else if (sbi_loader_is_flat_pair(*type, about->type)) {
-            *type = SB_TRI3;
-        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
-            return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
-        }
-    }
-    return SB_OK;
-}
-
-/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
-SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
-{
-    static const int tets[5] = {0, 1, 2, 3, 6};
-    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
-    if (about->type == type)
-        return 1;
-    return about->dimension == 3 ? tets[about->shape] : 2;
-}
-
-SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
-{
-    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
-}
-
-/* Number of elements the cells make. */
-static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
-{
-    int64_t count = 0;
-    for (size_t i = 0; i < loader->cell_count; i++)
-        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
-            count += sbi_cell_elements(&loader->cells[i], type);
-    return count;
-}
-
-/* Regions of all elements. */
-static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
-{
-    int element = 0;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell *cell = &loader->cells[i];
-        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
-            continue;
-        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
-            mesh->regions[element++] = sbi_cell_region(loader, cell);
-    }
-}
-
-/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
-static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
-{
-    int nodes = sb_element_node_count(mesh->element_type);
-    const int *from = loader->indices;
-    int *to = mesh->elements;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
-        int parts = about->type == mesh->element_type ? 1 : 2;
-        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
-            for (int a = 0; a < nodes; a++)
-                to[a] = from[a == 0 ? 0 : a + part];
-        if (parts == 2 && about->dimension == dimension)
-            loader->split_polygons++;
-        from += about->nodes;
-    }
-}
-
-static int sbi_loader_any_region(const int *regions, int count)
-{
-    for (int i = 0; i < count; i++)
-        if (regions[i])
-            return 1;
-    return 0;
-}
-
-SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
-{
-    int dimension = sbi_loader_find_dimension(loader), nodes;
-    int split = dimension == 3;
-    sb_element_type type = SB_NO_ELEMENT;
-    int64_t count;
-    sb_result result = SB_OK;
-    loader->reader.element = loader->reader.node = -1;
-    if (dimension < 2)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
-                               "the file has no faces and no volume elements");
-    split = split && sbi_split_wanted(loader, &type);
-    if (!split)
-        result = sbi_loader_find_type(loader, dimension, &type);
-    if (result)
-        return result;
-    count = sbi_loader_count_elements(loader, dimension, type);
-    if (count > INT_MAX)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 elements");
-    nodes = sb_element_node_count(type);
-    mesh->allocator = loader->allocator;
-    mesh->element_type = type;
-    mesh->element_count = (int)count;
-    mesh->elements = (int *)sbi_alloc(&loader->allocator, (size_t)count, (size_t)nodes * sizeof(int));
-    mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
-    if (!mesh->elements || !mesh->regions)
-        return sbi_loader_no_memory(loader);
-    if (split)
-        result = sbi_split_cells(loader, mesh);
-    else
-        sbi_loader_copy_cells(loader, dimension, mesh);
-    if (result)
-        return result;
-    sbi_loader_copy_regions(loader, dimension, mesh);
-    if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
-        sbi_free(&loader->allocator, mesh->regions);
-        mesh->regions = NULL;
-    }
-    mesh->node_count = (int)loader->node_count;
-    mesh->nodes = loader->nodes;
-    loader->nodes = NULL;
-    loader->node_count = loader->node_capacity = 0;
-    return SB_OK;
 }
 
 /* ==== src/softbody/mesh/meshio.c ==== */
@@ -14422,6 +14347,166 @@ SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
         result = sbi_split_place_diagonals(&split);
     sbi_free(&loader->allocator, split.diagonals);
     return result;
+}
+
+/* ==== src/softbody/mesh/meshio_build.c ==== */
+/* meshio_build: from the cells of a file to a mesh of one element type. */
+
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+/* ---- from cells to one element type ---- */
+
+/* The highest dimension in the file; counts the cells below it. */
+static int sbi_loader_find_dimension(sbi_loader *loader)
+{
+    int dimension = 0;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
+        if (loader->kind_count[kind] && sbi_cell_kind_at(kind)->dimension > dimension)
+            dimension = sbi_cell_kind_at(kind)->dimension;
+    loader->skipped_cells = 0;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
+        if (sbi_cell_kind_at(kind)->dimension < dimension)
+            loader->skipped_cells += loader->kind_count[kind];
+    return dimension;
+}
+
+static int sbi_loader_is_flat_pair(sb_element_type a, sb_element_type b)
+{
+    return (a == SB_TRI3 && b == SB_QUAD4) || (a == SB_QUAD4 && b == SB_TRI3);
+}
+
+/* The one element type of the cells of the dimension; tri3 where triangles are mixed with quadrilaterals. */
+static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, sb_element_type *type)
+{
+    int first = -1;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+        if (!loader->kind_count[kind] || about->dimension != dimension)
+            continue;
+        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
+            return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
+        if (first < 0) {
+            first = kind;
+            *type = about->type;
+        } else if (sbi_loader_is_flat_pair(*type, about->type)) {
+            *type = SB_TRI3;
+        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
+            return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
+        }
+    }
+    return SB_OK;
+}
+
+/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
+{
+    static const int tets[5] = {0, 1, 2, 3, 6};
+    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+    if (about->type == type)
+        return 1;
+    return about->dimension == 3 ? tets[about->shape] : 2;
+}
+
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
+{
+    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
+}
+
+/* Number of elements the cells make. */
+static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
+{
+    int64_t count = 0;
+    for (size_t i = 0; i < loader->cell_count; i++)
+        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
+            count += sbi_cell_elements(&loader->cells[i], type);
+    return count;
+}
+
+/* Regions of all elements. */
+static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int element = 0;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell *cell = &loader->cells[i];
+        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
+            continue;
+        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
+            mesh->regions[element++] = sbi_cell_region(loader, cell);
+    }
+}
+
+/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
+static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int nodes = sb_element_node_count(mesh->element_type);
+    const int *from = loader->indices;
+    int *to = mesh->elements;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        int parts = about->type == mesh->element_type ? 1 : 2;
+        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
+            for (int a = 0; a < nodes; a++)
+                to[a] = from[a == 0 ? 0 : a + part];
+        if (parts == 2 && about->dimension == dimension)
+            loader->split_polygons++;
+        from += about->nodes;
+    }
+}
+
+static int sbi_loader_any_region(const int *regions, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (regions[i])
+            return 1;
+    return 0;
+}
+
+SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
+{
+    int dimension = sbi_loader_find_dimension(loader), nodes;
+    int split = dimension == 3;
+    sb_element_type type = SB_NO_ELEMENT;
+    int64_t count;
+    sb_result result = SB_OK;
+    loader->reader.element = loader->reader.node = -1;
+    if (dimension < 2)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
+                               "the file has no faces and no volume elements");
+    split = split && sbi_split_wanted(loader, &type);
+    if (!split)
+        result = sbi_loader_find_type(loader, dimension, &type);
+    if (result)
+        return result;
+    count = sbi_loader_count_elements(loader, dimension, type);
+    if (count > INT_MAX)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 elements");
+    nodes = sb_element_node_count(type);
+    mesh->allocator = loader->allocator;
+    mesh->element_type = type;
+    mesh->element_count = (int)count;
+    mesh->elements = (int *)sbi_alloc(&loader->allocator, (size_t)count, (size_t)nodes * sizeof(int));
+    mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!mesh->elements || !mesh->regions)
+        return sbi_loader_no_memory(loader);
+    if (split)
+        result = sbi_split_cells(loader, mesh);
+    else
+        sbi_loader_copy_cells(loader, dimension, mesh);
+    if (result)
+        return result;
+    sbi_loader_copy_regions(loader, dimension, mesh);
+    if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
+        sbi_free(&loader->allocator, mesh->regions);
+        mesh->regions = NULL;
+    }
+    mesh->node_count = (int)loader->node_count;
+    mesh->nodes = loader->nodes;
+    loader->nodes = NULL;
+    loader->node_count = loader->node_capacity = 0;
+    return SB_OK;
 }
 
 /* ==== src/softbody/mesh/meshio_sets.c ==== */
@@ -20112,6 +20197,62 @@ SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *
                                        sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
+/* ---- what closest points and rays share ---------------------------------------------------------------------- */
+
+/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
+typedef struct sbi_surface_spot {
+    sb_real square, v, w;
+    int feature, index;
+} sbi_surface_spot;
+
+SB_INLINE sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
+{
+    sbi_surface_spot spot;
+    spot.square = 0;
+    spot.v = v;
+    spot.w = w;
+    spot.feature = feature;
+    spot.index = index;
+    return spot;
+}
+
+/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
+SB_INLINE uint64_t sbi_surface_visit(float square, int child)
+{
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    return (uint64_t)bits << 32 | (uint32_t)child;
+}
+SB_INLINE float sbi_surface_visit_square(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)(visit >> 32);
+    float square;
+    memcpy(&square, &bits, sizeof square);
+    return square;
+}
+SB_INLINE int sbi_surface_visit_child(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)visit;
+    int child;
+    memcpy(&child, &bits, sizeof child);
+    return child;
+}
+
+/* Farthest point, in local units, that is looked at: its squares are finite. */
+SB_INLINE sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
+
+/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
+SB_INLINE sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
+{
+    sb_real d[3];
+    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
+    return sbi_dense_max_abs(d, 3);
+}
+
+SBI_API void sbi_surface_miss(sb_surface_hit *hit);
+/* Place, point and weights of a spot. */
+SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit);
+
 #endif /* SBI_SURFACE_TREE_H */
 
 /* ==== src/softbody/geometry/surface.c ==== */
@@ -21079,27 +21220,136 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
         *high = surface ? surface->high : sb_v3(0, 0, 0);
 }
 
+/* ==== src/softbody/geometry/surface_winding.c ==== */
+/* surface_winding: winding numbers of points, exact and by clusters. */
+
+/* ---- winding number ------------------------------------------------------------------------------------------ */
+
+static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
+{
+    double size = (re < 0 ? -re : re) + (im < 0 ? -im : im), x, y;
+    if (!(size > 0))
+        return; /* the point is a corner, or 0 times infinity */
+    re /= size;
+    im /= size;
+    x = sum->re * re - sum->im * im;
+    y = sum->re * im + sum->im * re;
+    if (sum->im >= 0 && im >= 0 && y < 0)
+        sum->turns++;
+    if (sum->im < 0 && im < 0 && y > 0)
+        sum->turns--;
+    sum->re = x;
+    sum->im = y;
+    if (x * x + y * y < 1e-100) {
+        sum->re *= 1e100;
+        sum->im *= 1e100;
+    }
+}
+
+/* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
+{
+    sb_vec3 a, b, c;
+    double la, lb, lc;
+    a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
+    la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
+    sbi_surface_angle_add(sum,
+                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
+                              (double)sb_v3_dot(c, a) * lb,
+                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+}
+
+SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
+{
+    return (double)sum->turns + sbi_dense_atan2(sum->im, sum->re) / 6.283185307179586;
+}
+
+/* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
+ * 9); near[k] > 0 where the child is closer than twice its radius, and its number means nothing. */
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
+        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
+        float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
+                      2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
+        number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
+        near[k] = reach - square;
+    }
+}
+
+SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+{
+    sbi_surface_angle angle = sbi_surface_angle_zero();
+    float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];
+    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0, count;
+    double far = 0;
+    sbi_surface_to_local(s, eye, p);
+    stack[top++] = 0;
+    while (top > 0) {
+        int child = stack[--top];
+        if (child < 0) {
+            const sbi_surface_leaf *leaf = s->leaf + ~child;
+            for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
+                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
+                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
+            continue;
+        }
+        sbi_surface_far_fields(s->cluster + child, p, number, near);
+        count = sbi_surface_child_count(s->tree + child);
+        for (int k = 0; k < count; k++) {
+            if (near[k] < 0)
+                far += (double)number[k];
+            else
+                stack[top++] = s->tree[child].child[k];
+        }
+    }
+    return far + sbi_surface_angle_turns(&angle);
+}
+
+/* Scales a point; 0 where a surface has no winding number to speak of. */
+static int sbi_surface_eye(const sb_surface *s, sb_vec3 point, sb_vec3 *eye)
+{
+    if (!s)
+        return 0;
+    *eye = sb_v3_scale(s->scale, point);
+    return sbi_surface_far(s, *eye) <= (sb_real)SBI_SURFACE_FAR;
+}
+
+SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point)
+{
+    sb_vec3 eye;
+    return sbi_surface_eye(surface, point, &eye) ? (sb_real)sbi_surface_winding(surface, eye) : 0;
+}
+
+SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point)
+{
+    sbi_surface_angle angle = sbi_surface_angle_zero();
+    sb_vec3 eye;
+    if (!sbi_surface_eye(surface, point, &eye))
+        return 0;
+    for (int t = 0; t < surface->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(surface, t, x);
+        if (surface->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
+    return (sb_real)sbi_surface_angle_turns(&angle);
+}
+
+SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
+{
+    return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
+}
+
 /* ==== src/softbody/geometry/surface_query.c ==== */
-/* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
+/* surface_query: closest points, signed distances; batches of all queries. */
 
 /* ---- the closest point of a triangle ------------------------------------------------------------------------- */
-
-/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
-typedef struct sbi_surface_spot {
-    sb_real square, v, w;
-    int feature, index;
-} sbi_surface_spot;
-
-static sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
-{
-    sbi_surface_spot spot;
-    spot.square = 0;
-    spot.v = v;
-    spot.w = w;
-    spot.feature = feature;
-    spot.index = index;
-    return spot;
-}
 
 /* Square of p - v ab - w ac: the offset of the point from its place on the triangle. */
 static sb_real sbi_surface_spot_square(const sbi_surface_spot *spot, sb_vec3 p, sb_vec3 ab, sb_vec3 ac)
@@ -21373,28 +21623,6 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
     }
 }
 
-/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
-static uint64_t sbi_surface_visit(float square, int child)
-{
-    uint32_t bits;
-    memcpy(&bits, &square, sizeof bits);
-    return (uint64_t)bits << 32 | (uint32_t)child;
-}
-static float sbi_surface_visit_square(uint64_t visit)
-{
-    uint32_t bits = (uint32_t)(visit >> 32);
-    float square;
-    memcpy(&square, &bits, sizeof square);
-    return square;
-}
-static int sbi_surface_visit_child(uint64_t visit)
-{
-    uint32_t bits = (uint32_t)visit;
-    int child;
-    memcpy(&child, &bits, sizeof child);
-    return child;
-}
-
 SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
 {
     uint64_t a = *far, b = *near;
@@ -21452,17 +21680,6 @@ static void sbi_surface_search_tree(const sb_surface *s, sbi_surface_search *q)
     sbi_surface_try_kept(s, q);
 }
 
-/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
-static sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
-{
-    sb_real d[3];
-    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
-    return sbi_dense_max_abs(d, 3);
-}
-
-/* Farthest point, in local units, that is looked at: its squares are finite. */
-static sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
-
 /* Finds the closest triangle within the square distance q->best.square, which the caller has set. */
 static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_surface_search *q)
 {
@@ -21489,15 +21706,14 @@ static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_s
 
 static sb_real sbi_surface_infinity(void) { return (sb_real)INFINITY; }
 
-static void sbi_surface_miss(sb_surface_hit *hit)
+SBI_API void sbi_surface_miss(sb_surface_hit *hit)
 {
     memset(hit, 0, sizeof *hit);
     hit->triangle = hit->element = -1;
     hit->distance = sbi_surface_infinity();
 }
 
-/* Place, point and weights of a spot. */
-static void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit)
+SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit)
 {
     sb_vec3 x[3], point;
     sbi_surface_corners(s, triangle, x);
@@ -21649,128 +21865,123 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------ */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
-static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
+typedef struct sbi_surface_batch {
+    const sb_surface *surface;
+    const sb_vec3 *points;
+    int count, by_winding;
+    sb_real max_distance;
+    sb_real *numbers;
+    sb_surface_hit *hits;
+    unsigned char *inside;
+} sbi_surface_batch;
+
+/* Points come in blocks; within one, the last triangle found is the first guess for the next point. */
+static void sbi_surface_closest_task(void *user, int block)
 {
-    double size = (re < 0 ? -re : re) + (im < 0 ? -im : im), x, y;
-    if (!(size > 0))
-        return; /* the point is a corner, or 0 times infinity */
-    re /= size;
-    im /= size;
-    x = sum->re * re - sum->im * im;
-    y = sum->re * im + sum->im * re;
-    if (sum->im >= 0 && im >= 0 && y < 0)
-        sum->turns++;
-    if (sum->im < 0 && im < 0 && y > 0)
-        sum->turns--;
-    sum->re = x;
-    sum->im = y;
-    if (x * x + y * y < 1e-100) {
-        sum->re *= 1e100;
-        sum->im *= 1e100;
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++) {
+        sb_surface_hit *hit = batch->hits + i;
+        if (sb_surface_closest_from(batch->surface, batch->points[i], batch->max_distance, triangle, hit))
+            triangle = hit->triangle;
     }
 }
 
-/* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
-SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
+static void sbi_surface_distance_task(void *user, int block)
 {
-    sb_vec3 a, b, c;
-    double la, lb, lc;
-    a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
-    la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
-    sbi_surface_angle_add(sum,
-                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
-                              (double)sb_v3_dot(c, a) * lb,
-                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++)
+        batch->numbers[i] = sbi_surface_distance(batch->surface, batch->points[i], batch->by_winding, &triangle,
+                                                 batch->hits ? batch->hits + i : NULL);
 }
 
-SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
+static void sbi_surface_winding_task(void *user, int block)
 {
-    return (double)sum->turns + sbi_dense_atan2(sum->im, sum->re) / 6.283185307179586;
-}
-
-/* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
- * 9); near[k] > 0 where the child is closer than twice its radius, and its number means nothing. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
-                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
-{
-    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
-    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
-        float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
-        float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
-        float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
-                      2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
-        number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
-        near[k] = reach - square;
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    for (int i = begin; i < end; i++) {
+        sb_real number = sb_surface_winding_number(batch->surface, batch->points[i]);
+        if (batch->numbers)
+            batch->numbers[i] = number;
+        else
+            batch->inside[i] = number >= (sb_real)0.5;
     }
 }
 
-SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+static void sbi_surface_run_batch(sbi_surface_batch *batch, sb_task task, const sb_jobs *jobs)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];
-    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0, count;
-    double far = 0;
-    sbi_surface_to_local(s, eye, p);
-    stack[top++] = 0;
-    while (top > 0) {
-        int child = stack[--top];
-        if (child < 0) {
-            const sbi_surface_leaf *leaf = s->leaf + ~child;
-            for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
-                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
-            continue;
-        }
-        sbi_surface_far_fields(s->cluster + child, p, number, near);
-        count = sbi_surface_child_count(s->tree + child);
-        for (int k = 0; k < count; k++) {
-            if (near[k] < 0)
-                far += (double)number[k];
-            else
-                stack[top++] = s->tree[child].child[k];
-        }
-    }
-    return far + sbi_surface_angle_turns(&angle);
+    if (batch->surface && batch->points && batch->count > 0)
+        sbi_run(jobs, task, batch, sbi_surface_blocks(batch->count));
 }
 
-/* Scales a point; 0 where a surface has no winding number to speak of. */
-static int sbi_surface_eye(const sb_surface *s, sb_vec3 point, sb_vec3 *eye)
+static sbi_surface_batch sbi_surface_batch_make(const sb_surface *surface, const sb_vec3 *points, int count)
 {
-    if (!s)
-        return 0;
-    *eye = sb_v3_scale(s->scale, point);
-    return sbi_surface_far(s, *eye) <= (sb_real)SBI_SURFACE_FAR;
+    sbi_surface_batch batch;
+    memset(&batch, 0, sizeof batch);
+    batch.surface = surface;
+    batch.points = points;
+    batch.count = count;
+    return batch;
 }
 
-SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point)
+SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
+                                     sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    sb_vec3 eye;
-    return sbi_surface_eye(surface, point, &eye) ? (sb_real)sbi_surface_winding(surface, eye) : 0;
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.max_distance = max_distance;
+    batch.hits = hits;
+    if (hits)
+        sbi_surface_run_batch(&batch, sbi_surface_closest_task, jobs);
 }
 
-SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point)
+static void sbi_surface_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count, int by_winding,
+                                       sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    sb_vec3 eye;
-    if (!sbi_surface_eye(surface, point, &eye))
-        return 0;
-    for (int t = 0; t < surface->triangle_count; t++) {
-        sb_vec3 x[3];
-        sbi_surface_corners(surface, t, x);
-        if (surface->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &angle);
-    }
-    return (sb_real)sbi_surface_angle_turns(&angle);
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.by_winding = by_winding;
+    batch.numbers = distances;
+    batch.hits = hits;
+    if (distances)
+        sbi_surface_run_batch(&batch, sbi_surface_distance_task, jobs);
 }
 
-SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
+SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
+    sbi_surface_distance_batch(surface, points, count, 0, distances, hits, jobs);
 }
+
+SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_distance_batch(surface, points, count, 1, distances, hits, jobs);
+}
+
+SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                            sb_real *numbers, const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.numbers = numbers;
+    if (numbers)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
+                                    const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.inside = inside;
+    if (inside)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+/* ==== src/softbody/geometry/surface_ray.c ==== */
+/* surface_ray: triangles that a ray meets. */
 
 /* ---- rays ---------------------------------------------------------------------------------------------------- */
 
@@ -22012,121 +22223,6 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     beam.capacity = hits ? sbi_max_int(capacity, 0) : 0;
     sbi_surface_beam_run(surface, &beam);
     return beam.count;
-}
-
-/* ---- batches ------------------------------------------------------------------------------------------------- */
-
-typedef struct sbi_surface_batch {
-    const sb_surface *surface;
-    const sb_vec3 *points;
-    int count, by_winding;
-    sb_real max_distance;
-    sb_real *numbers;
-    sb_surface_hit *hits;
-    unsigned char *inside;
-} sbi_surface_batch;
-
-/* Points come in blocks; within one, the last triangle found is the first guess for the next point. */
-static void sbi_surface_closest_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    int triangle = -1;
-    for (int i = begin; i < end; i++) {
-        sb_surface_hit *hit = batch->hits + i;
-        if (sb_surface_closest_from(batch->surface, batch->points[i], batch->max_distance, triangle, hit))
-            triangle = hit->triangle;
-    }
-}
-
-static void sbi_surface_distance_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    int triangle = -1;
-    for (int i = begin; i < end; i++)
-        batch->numbers[i] = sbi_surface_distance(batch->surface, batch->points[i], batch->by_winding, &triangle,
-                                                 batch->hits ? batch->hits + i : NULL);
-}
-
-static void sbi_surface_winding_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    for (int i = begin; i < end; i++) {
-        sb_real number = sb_surface_winding_number(batch->surface, batch->points[i]);
-        if (batch->numbers)
-            batch->numbers[i] = number;
-        else
-            batch->inside[i] = number >= (sb_real)0.5;
-    }
-}
-
-static void sbi_surface_run_batch(sbi_surface_batch *batch, sb_task task, const sb_jobs *jobs)
-{
-    if (batch->surface && batch->points && batch->count > 0)
-        sbi_run(jobs, task, batch, sbi_surface_blocks(batch->count));
-}
-
-static sbi_surface_batch sbi_surface_batch_make(const sb_surface *surface, const sb_vec3 *points, int count)
-{
-    sbi_surface_batch batch;
-    memset(&batch, 0, sizeof batch);
-    batch.surface = surface;
-    batch.points = points;
-    batch.count = count;
-    return batch;
-}
-
-SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
-                                     sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.max_distance = max_distance;
-    batch.hits = hits;
-    if (hits)
-        sbi_surface_run_batch(&batch, sbi_surface_closest_task, jobs);
-}
-
-static void sbi_surface_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count, int by_winding,
-                                       sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.by_winding = by_winding;
-    batch.numbers = distances;
-    batch.hits = hits;
-    if (distances)
-        sbi_surface_run_batch(&batch, sbi_surface_distance_task, jobs);
-}
-
-SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_distance_batch(surface, points, count, 0, distances, hits, jobs);
-}
-
-SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_distance_batch(surface, points, count, 1, distances, hits, jobs);
-}
-
-SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                            sb_real *numbers, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.numbers = numbers;
-    if (numbers)
-        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
-}
-
-SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
-                                    const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.inside = inside;
-    if (inside)
-        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
 /* ==== src/softbody/geometry/surface_crossing.c ==== */
@@ -23463,31 +23559,16 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
     return SB_OK;
 }
 
-/* ==== src/softbody/geometry/stuffing.c ==== */
-/* stuffing: isosurface stuffing with several shapes and graded cells.
- *
- * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
- * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
- * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
- *
- *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
- *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
- *   3. cut       where edges between labels cross the surface, by root finding
- *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
- *   5. stencils  what is still cut falls into tets of one label each
- *
- * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
- * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
- * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
- * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
- * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
- * nothing else that the two tets at the face do not share; so they cut it alike.
- *
- * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
- * prisms and the lengths of warps: own derivation, checked over all patterns. */
+/* ==== src/softbody/geometry/stuffing_private.h ==== */
+/* stuffing_private: the state of a stuffing that its stages hand on. */
+#ifndef SBI_STUFFING_PRIVATE_H
+#define SBI_STUFFING_PRIVATE_H
+
 
 #include <limits.h>
 #include <string.h>
+
+/* ---- stuffing_lattice.c ---- */
 
 #define SBI_STUFF_COOKIE 0x53545546u
 #define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
@@ -23557,16 +23638,137 @@ typedef struct sbi_stuffing {
     int element_count, element_capacity;
 } sbi_stuffing;
 
-SB_API sb_stuff_def sb_default_stuff_def(void)
+SB_INLINE sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
 {
-    sb_stuff_def def;
-    memset(&def, 0, sizeof def);
-    def.type = SB_TET4;
-    def.max_elements = 20000000;
-    def.least_share = (sb_real)0.5;
-    def.cookie = SBI_STUFF_COOKIE;
-    return def;
+    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
+                 s->origin.z + s->half * (sb_real)half[2]);
 }
+
+SB_INLINE size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
+{
+    size_t row = s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1);
+    size_t cell = (size_t)(half[0] >> 1) + row;
+    return 2 * cell + (size_t)(half[0] & 1);
+}
+
+/* Step from a point along one of its own edges. */
+SB_INLINE void sbi_stuffing_step(int edge, int step[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
+}
+
+SB_INLINE int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
+{
+    int odd = half[0] & 1;
+    for (int axis = 0; axis < 3; axis++)
+        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
+            return 0;
+    return 1;
+}
+
+SB_INLINE void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
+{
+    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
+}
+
+SB_INLINE int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
+{
+    return (int)(set->words[index >> 6] >> (index & 63) & 1);
+}
+
+/* Signed distance of a shape; a function of the first one is cut off at its box. The sign of a surface's is that of the
+ * nearest triangle's side: right but where the surface crosses itself. */
+SBI_API sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p);
+/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
+SBI_API sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p);
+/* Whether a surface contains all points within `reach` of one, where it is farther away than that (0: the point alone);
+ * -1: some of them. The winding number of an open surface can hold for inside what lies beyond its box; of the first
+ * shape that is outside. */
+SBI_API int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach);
+/* Largest slope of a shape's function, 0: unknown. */
+SBI_API sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape);
+/* The label that follows from the shapes a point lies in. */
+SBI_API unsigned char sbi_stuffing_label(uint64_t inside);
+SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p);
+/* The shape whose surface separates two labels: the outer one, or the one that wins. */
+SBI_API int sbi_stuffing_separator(int a, int b);
+/* Inverse of sbi_stuffing_index. */
+SBI_API void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3]);
+SBI_API int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set);
+SBI_API void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set);
+/* Numbers the members. 0 when there are more than an int counts. */
+SBI_API int sbi_stuffing_set_number(sbi_stuffing_set *set);
+SBI_API int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index);
+SBI_API sb_result sbi_stuffing_too_many(const sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction);
+/* Runs tasks, one failure record each, and reports the first failure. */
+SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count);
+
+/* ---- stuffing_label.c ---- */
+
+SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s);
+
+/* ---- stuffing_octree.c ---- */
+
+/* Finds the points with an edge to another label. */
+SBI_API sb_result sbi_stuffing_find_surface(sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_grade(sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s);
+
+/* ---- stuffing_warp.c ---- */
+
+/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
+typedef struct sbi_stuffing_view {
+    const int *nodes;  /* active points */
+    int point[4];
+    int label[4];      /* -1: a zero */
+    int outside;       /* a strict point lies outside: the regions count as one side */
+    int zeros, inner_zeros;
+    int a, b;          /* two different labels among the strict, not outside; -1: none */
+    int more;          /* 1: there are further labels */
+} sbi_stuffing_view;
+
+SBI_API void sbi_stuffing_value_task(void *user, int index);
+SBI_API void sbi_stuffing_cut_task(void *user, int index);
+/* Runs a task over all surface points, in slices that let progress be told. */
+SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to);
+SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v);
+/* Whether a tet has angles within those of the stencils. */
+SBI_API int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4]);
+SBI_API sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4]);
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
+SBI_API int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4]);
+/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
+ * four zeros near their places make a regular tet. */
+SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s);
+
+/* ---- stuffing_cut.c ---- */
+
+SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s);
+/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
+SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
+
+/* ---- stuffing_boundary.c ---- */
+
+#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
+#define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
+
+/* Brings the boundary close to the surface and tells how close it is. */
+SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
+/* All but the shares. */
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
+
+#endif /* SBI_STUFFING_PRIVATE_H */
+
+/* ==== src/softbody/geometry/stuffing_lattice.c ==== */
+/* stuffing_lattice: the lattice of points, sets of them, distances to the shapes, tasks over them. */
 
 /* ---- shapes ---- */
 
@@ -23577,9 +23779,7 @@ static sb_real sbi_stuffing_beyond_box(const sbi_stuffing *s, sb_vec3 p)
     return sb_max(sb_max(x, y), sb_max(s->low.z - p.z, p.z - s->high.z));
 }
 
-/* Signed distance of a shape; a function of the first one is cut off at its box. The sign of a surface's is that of the
- * nearest triangle's side: right but where the surface crosses itself. */
-static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+SBI_API sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_shape *g = s->def->shapes + shape;
     sb_real value;
@@ -23589,17 +23789,13 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
     return shape == 0 && sb_is_finite(value) ? sb_max(value, sbi_stuffing_beyond_box(s, p)) : value;
 }
 
-/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
-static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+SBI_API sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
 }
 
-/* Whether a surface contains all points within `reach` of one, where it is farther away than that (0: the point alone);
- * -1: some of them. The winding number of an open surface can hold for inside what lies beyond its box; of the first
- * shape that is outside. */
-static int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+SBI_API int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     sb_real beyond = shape == 0 ? sbi_stuffing_beyond_box(s, p) : -SB_REAL_MAX;
     if (!sb_surface_inside(s->def->shapes[shape].surface, p) || beyond >= reach)
@@ -23612,8 +23808,7 @@ static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
     return s->def->shapes[shape].surface ? sbi_stuffing_encloses(s, shape, p, 0) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
-/* Largest slope of a shape's function, 0: unknown. */
-static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
+SBI_API sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
 {
     const sb_shape *g = s->def->shapes + shape;
     if (g->surface)
@@ -23621,8 +23816,7 @@ static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
     return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
 }
 
-/* The label that follows from the shapes a point lies in. */
-static unsigned char sbi_stuffing_label(uint64_t inside)
+SBI_API unsigned char sbi_stuffing_label(uint64_t inside)
 {
     unsigned char label = 0;
     if (!(inside & 1))
@@ -23632,7 +23826,7 @@ static unsigned char sbi_stuffing_label(uint64_t inside)
     return label;
 }
 
-static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
+SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
 {
     if (!sbi_stuffing_is_inside(s, 0, p))
         return 0;
@@ -23642,29 +23836,14 @@ static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
     return 1;
 }
 
-/* The shape whose surface separates two labels: the outer one, or the one that wins. */
-static int sbi_stuffing_separator(int a, int b)
+SBI_API int sbi_stuffing_separator(int a, int b)
 {
     return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
 }
 
 /* ---- the lattice ---- */
 
-static sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
-{
-    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
-                 s->origin.z + s->half * (sb_real)half[2]);
-}
-
-static size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
-{
-    size_t row = s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1);
-    size_t cell = (size_t)(half[0] >> 1) + row;
-    return 2 * cell + (size_t)(half[0] & 1);
-}
-
-/* Inverse of sbi_stuffing_index. */
-static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
+SBI_API void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
 {
     size_t cell = index >> 1;
     int odd = (int)(index & 1);
@@ -23673,25 +23852,9 @@ static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int ha
     half[2] = 2 * (int)(cell / s->stride[2]) + odd;
 }
 
-/* Step from a point along one of its own edges. */
-static void sbi_stuffing_step(int edge, int step[3])
-{
-    for (int axis = 0; axis < 3; axis++)
-        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
-}
-
-static int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
-{
-    int odd = half[0] & 1;
-    for (int axis = 0; axis < 3; axis++)
-        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
-            return 0;
-    return 1;
-}
-
 /* ---- sets ---- */
 
-static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
+SBI_API int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
 {
     set->word_count = s->point_count / 64 + 1;
     set->words = (uint64_t *)sbi_alloc_zeroed(&s->def->allocator, set->word_count, sizeof *set->words);
@@ -23699,20 +23862,10 @@ static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
     return set->words && set->before;
 }
 
-static void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
+SBI_API void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
 {
     sbi_free(&s->def->allocator, set->words);
     sbi_free(&s->def->allocator, set->before);
-}
-
-static void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
-{
-    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
-}
-
-static int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
-{
-    return (int)(set->words[index >> 6] >> (index & 63) & 1);
 }
 
 static int sbi_stuffing_bit_count(uint64_t word)
@@ -23723,8 +23876,7 @@ static int sbi_stuffing_bit_count(uint64_t word)
     return (int)(word * 0x0101010101010101u >> 56);
 }
 
-/* Numbers the members. 0 when there are more than an int counts. */
-static int sbi_stuffing_set_number(sbi_stuffing_set *set)
+SBI_API int sbi_stuffing_set_number(sbi_stuffing_set *set)
 {
     int64_t count = 0;
     for (size_t w = 0; w < set->word_count; w++) {
@@ -23737,129 +23889,25 @@ static int sbi_stuffing_set_number(sbi_stuffing_set *set)
     return 1;
 }
 
-static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
+SBI_API int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
 {
     uint64_t below = set->words[index >> 6] & (((uint64_t)1 << (index & 63)) - 1);
     return set->before[index >> 6] + sbi_stuffing_bit_count(below);
 }
 
-/* ---- checks and set-up ---- */
-
-static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
-{
-    const sb_shape *g = def->shapes + shape;
-    if (!g->surface == !g->distance)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
-    if (!sb_is_finite(g->max_slope))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
-    if (g->max_slope < 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
-    return SB_OK;
-}
-
-static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
-{
-    sb_result result = SB_OK;
-    if (!def || !mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
-    if (def->cookie != SBI_STUFF_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
-    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
-                        def->shapes ? def->shape_count : 0);
-    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
-        result = sbi_stuffing_check_shape(def, shape, error);
-    if (result != SB_OK)
-        return result;
-    if (!sb_is_finite(def->cell))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
-    if (!(def->cell > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
-    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels,
-                        SBI_STUFF_MAX_LEVELS);
-    if (def->type != SB_TET4 && def->type != SB_TET10)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
-    if (def->max_elements < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
-    if (!(def->least_share >= 0 && def->least_share <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
-    return SB_OK;
-}
-
-/* Surfaces, and parts of them, that look inward enclose nothing. */
-static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
-{
-    for (int shape = 0; shape < def->shape_count; shape++) {
-        int triangle = -1;
-        if (!def->shapes[shape].surface)
-            continue;
-        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
-        if (triangle >= 0)
-            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
-                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
-                                    "it): sb_surface_repair turns it",
-                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
-    }
-    return SB_OK;
-}
-
-/* Lays the lattice round the first shape, with a cell and a half or more of empty space on each side. */
-static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
-{
-    static const double spread[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703}; /* no two near */
-    const sb_stuff_def *def = s->def;
-    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
-    s->low = def->low;
-    s->high = def->high;
-    if (def->shapes[0].surface)
-        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
-    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
-        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
-    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
-    size[0] = (double)s->high.x - (double)s->low.x;
-    size[1] = (double)s->high.y - (double)s->low.y;
-    size[2] = (double)s->high.z - (double)s->low.z;
-    for (int axis = 0; axis < 3; axis++) {
-        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
-        total *= cells[axis] + 1;
-    }
-    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
-                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
-                        (double)def->cell, total, def->max_elements);
-    for (int axis = 0; axis < 3; axis++) {
-        s->n[axis] = (int)cells[axis];
-        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
-    }
-    for (int axis = 0; axis < 3 && s->attempt > 0; axis++) {
-        double place = s->attempt * spread[axis];
-        start[axis] += (place - floor(place) - 0.5) * (double)def->cell;
-    }
-    s->half = (sb_real)0.5 * def->cell;
-    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
-    s->stride[0] = 1;
-    s->stride[1] = (size_t)s->n[0] + 1;
-    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
-    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
-    return SB_OK;
-}
-
-static sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
                     (double)s->def->cell, s->def->max_elements);
 }
 
-static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
                     s->n[2]);
 }
 
-static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
+SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
     *s->told = fraction > *s->told ? fraction : *s->told;
     if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
@@ -23867,8 +23915,7 @@ static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
     return SB_OK;
 }
 
-/* Runs tasks, one failure record each, and reports the first failure. */
-static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
+SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
 {
     for (int i = 0; i < count; i++)
         s->failures[i].shape = -1;
@@ -23881,6 +23928,9 @@ static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
         }
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/stuffing_label.c ==== */
+/* stuffing_label: 1. the shape that each point of the lattice lies in. */
 
 /* ---- 1. labels ---- */
 
@@ -24010,7 +24060,7 @@ static void sbi_stuffing_label_task(void *user, int index)
     sbi_stuffing_label_cube(s, cube, s->failures + index);
 }
 
-static sb_result sbi_stuffing_sample(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
 {
     int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
     sb_result result = SB_OK;
@@ -24027,10 +24077,12 @@ static sb_result sbi_stuffing_sample(sbi_stuffing *s)
     return result;
 }
 
+/* ==== src/softbody/geometry/stuffing_octree.c ==== */
+/* stuffing_octree: 2. cells merge away from changes of label; the tets between their centres and edges. */
+
 /* ---- 2. octree and tets ---- */
 
-/* Finds the points with an edge to another label. */
-static sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
 {
     ptrdiff_t offset[2][SBI_STUFF_EDGES];
     size_t begin = 2 * (s->stride[2] + s->stride[1] + 1), end = s->point_count - begin;
@@ -24141,7 +24193,7 @@ static void sbi_stuffing_balance(sbi_stuffing *s, int level)
             }
 }
 
-static sb_result sbi_stuffing_grade(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_grade(sbi_stuffing *s)
 {
     for (int level = 1; level <= s->def->levels; level++) {
         size_t count = (size_t)(s->n[0] >> level) * (size_t)(s->n[1] >> level) * (size_t)(s->n[2] >> level);
@@ -24330,7 +24382,7 @@ static void sbi_stuffing_place_points(sbi_stuffing *s)
     }
 }
 
-static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
 {
     const sb_allocator *allocator = &s->def->allocator;
     size_t shapes = (size_t)s->def->shape_count, points;
@@ -24357,6 +24409,9 @@ static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/stuffing_warp.c ==== */
+/* stuffing_warp: 3. and 4. cuts of edges between labels, points moved onto them, a manifold boundary. */
+
 /* ---- 3. cuts ---- */
 
 /* The surface point at the other end of an edge of a surface point; own 1: one it owns. -1 when there is none. */
@@ -24373,7 +24428,7 @@ static int sbi_stuffing_neighbour(const sbi_stuffing *s, const sbi_stuffing_poin
     return sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
 }
 
-static void sbi_stuffing_value_task(void *user, int index)
+SBI_API void sbi_stuffing_value_task(void *user, int index)
 {
     sbi_stuffing *s = (sbi_stuffing *)user;
     int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
@@ -24471,7 +24526,7 @@ static sb_real sbi_stuffing_cut_at(const sbi_stuffing *s, int i, int j, sbi_stuf
     return t;
 }
 
-static void sbi_stuffing_cut_task(void *user, int index)
+SBI_API void sbi_stuffing_cut_task(void *user, int index)
 {
     sbi_stuffing *s = (sbi_stuffing *)user;
     int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
@@ -24488,8 +24543,7 @@ static void sbi_stuffing_cut_task(void *user, int index)
         }
 }
 
-/* Runs a task over all surface points, in slices that let progress be told. */
-static sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
+SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
 {
     sb_result result = SB_OK;
     for (s->first = 0; s->first < s->surface.count && result == SB_OK;) {
@@ -24587,18 +24641,7 @@ static void sbi_stuffing_warp(sbi_stuffing *s, int inner)
     }
 }
 
-/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
-typedef struct sbi_stuffing_view {
-    const int *nodes;  /* active points */
-    int point[4];
-    int label[4];      /* -1: a zero */
-    int outside;       /* a strict point lies outside: the regions count as one side */
-    int zeros, inner_zeros;
-    int a, b;          /* two different labels among the strict, not outside; -1: none */
-    int more;          /* 1: there are further labels */
-} sbi_stuffing_view;
-
-static void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
+SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
 {
     v->nodes = nodes;
     v->outside = v->zeros = v->inner_zeros = v->more = 0;
@@ -24649,8 +24692,7 @@ static void sbi_stuffing_settle(sbi_stuffing *s)
         sbi_stuffing_settle_tet(s, s->tets + 4 * (size_t)t);
 }
 
-/* Whether a tet has angles within those of the stencils. */
-static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
+SBI_API int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
 {
     const sb_real cos_10_7 = (sb_real)0.98260, cos_164_8 = (sb_real)-0.96500;
     sb_real of_smallest, of_largest;
@@ -24658,14 +24700,12 @@ static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
     return of_smallest <= cos_10_7 && of_largest >= cos_164_8;
 }
 
-static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
+SBI_API sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
 {
     return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
 }
 
-/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
- * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
-static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
+SBI_API int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
 {
     sb_vec3 corners[4];
     int label, inner = 0, highest = 0;
@@ -24848,9 +24888,7 @@ static void sbi_stuffing_free_pinches(sbi_stuffing *s)
     }
 }
 
-/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
- * four zeros near their places make a regular tet. */
-static void sbi_stuffing_place_zeros(sbi_stuffing *s)
+SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s)
 {
     int changed = 1;
     sbi_stuffing_warp(s, 0);
@@ -24866,6 +24904,9 @@ static void sbi_stuffing_place_zeros(sbi_stuffing *s)
             changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
     }
 }
+
+/* ==== src/softbody/geometry/stuffing_cut.c ==== */
+/* stuffing_cut: 5. stencils: what is still cut falls into tets of one label each; the mesh of all. */
 
 /* ---- 5. stencils ---- */
 
@@ -25094,7 +25135,7 @@ static void sbi_stuffing_cut_tet(sbi_stuffing *s, const int *nodes)
         sbi_stuffing_apply(s, &v, sides, -1, v.b);
 }
 
-static sb_result sbi_stuffing_cut(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s)
 {
     const sb_allocator *allocator = &s->def->allocator;
     size_t edges = (size_t)s->surface.count * SBI_STUFF_EDGES, cuts = 0;
@@ -25134,8 +25175,7 @@ static sb_vec3 sbi_stuffing_node(const sbi_stuffing *s, int node)
     return node < s->active.count ? s->positions[node] : s->cut_positions[node - s->active.count];
 }
 
-/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
-static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
+SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
 {
     int total = s->active.count + s->cut_count, used = 0;
     int *map = (int *)sbi_alloc_zeroed(&s->def->allocator, (size_t)total, sizeof(int));
@@ -25170,18 +25210,14 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/stuffing_boundary.c ==== */
+/* stuffing_boundary: 6. nodes slide along the surface, and edges are split, until the boundary is near enough. */
+
 /* ---- 6. the boundary ----
  * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
  * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
  * at them keep angles within the bounds and no triangle becomes worse than the worst was; where that is not enough,
  * edges get a node in the middle, under the same condition. */
-
-#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
-#define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
-#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
-#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
 typedef struct sbi_stuffing_rim {
     const sbi_stuffing *s;
@@ -25535,8 +25571,7 @@ static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
-/* Brings the boundary close to the surface and tells how close it is. */
-static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
 {
     sb_result result = SB_OK;
     int again = 1;
@@ -25545,8 +25580,7 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
-/* All but the shares. */
-static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
@@ -25554,144 +25588,6 @@ static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, cons
     report->distance = distance;
     report->volume = sb_mesh_volume(mesh);
     sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
-}
-
-static void sbi_stuffing_free(sbi_stuffing *s)
-{
-    const sb_allocator *allocator = &s->def->allocator;
-    sbi_free(allocator, s->labels);
-    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
-        sbi_free(allocator, s->split[level]);
-    sbi_stuffing_set_free(s, &s->surface);
-    sbi_stuffing_set_free(s, &s->active);
-    sbi_free(allocator, s->tets);
-    sbi_free(allocator, s->positions);
-    sbi_free(allocator, s->active_label);
-    sbi_free(allocator, s->point_of);
-    sbi_free(allocator, s->points);
-    sbi_free(allocator, s->values);
-    sbi_free(allocator, s->failures);
-    sbi_free(allocator, s->cut_node);
-    sbi_free(allocator, s->cut_positions);
-    sbi_free(allocator, s->elements);
-    sbi_free(allocator, s->element_labels);
-}
-
-/* From the def to a tet4 mesh. */
-static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
-{
-    sb_result result = sbi_stuffing_lay_out(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_sample(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_find_surface(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_grade(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_enumerate(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
-    if (result == SB_OK)
-        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
-    if (result != SB_OK)
-        return result;
-    sbi_stuffing_place_zeros(s);
-    result = sbi_stuffing_cut(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_collect(s, mesh);
-    return result;
-}
-
-/* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
-                                   int cells[3], sb_error *error)
-{
-    sbi_stuffing s;
-    sb_result result;
-    memset(&s, 0, sizeof s);
-    memset(mesh, 0, sizeof *mesh);
-    s.def = def;
-    s.error = error;
-    s.attempt = attempt;
-    s.told = told;
-    result = sbi_stuffing_build(&s, mesh);
-    if (result == SB_OK)
-        result = sbi_stuffing_progress(&s, 0.9);
-    if (result == SB_OK)
-        result = sbi_stuffing_finish_boundary(&s, mesh, distance);
-    if (result != SB_OK)
-        sb_mesh_free(mesh);
-    memcpy(cells, s.n, sizeof s.n);
-    sbi_stuffing_free(&s);
-    return result;
-}
-
-/* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
- * nearest mesh is kept. */
-static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
-                                        int cells[3], sb_error *error)
-{
-    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
-    for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
-        sb_mesh other;
-        sb_real other_distance = 0;
-        int other_cells[3];
-        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
-        if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
-            result = tried;
-        if (tried != SB_OK)
-            continue;
-        if (other_distance < *distance) {
-            sb_mesh swap = *mesh;
-            *mesh = other;
-            other = swap;
-            *distance = other_distance;
-            memcpy(cells, other_cells, sizeof other_cells);
-        }
-        sb_mesh_free(&other);
-    }
-    return result;
-}
-
-SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
-{
-    sb_mesh made, raised;
-    sb_stuff_report found;
-    sb_real distance = 0;
-    double told = 0;
-    int cells[3];
-    sb_result result = sbi_stuffing_check(def, mesh, error);
-    if (result == SB_OK)
-        result = sbi_stuffing_check_orientation(def, error);
-    if (result != SB_OK)
-        return result;
-    memset(&made, 0, sizeof made);
-    memset(&found, 0, sizeof found);
-    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
-    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
-        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
-        result = kept == SB_OK ? result : kept;
-    }
-    if (result == SB_OK)
-        result = sb_mesh_reorder(&made, NULL, NULL, error);
-    if (result == SB_OK && def->type == SB_TET10) {
-        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
-        if (result == SB_OK) {
-            sb_mesh_free(&made);
-            made = raised;
-        }
-    }
-    if (result == SB_OK && def->progress && def->progress(def->progress_user, 1))
-        result = sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at the end");
-    if (result != SB_OK) {
-        sb_mesh_free(&made);
-        return result;
-    }
-    *mesh = made;
-    sbi_stuffing_fill_report(mesh, distance, cells, &found);
-    if (report)
-        *report = found;
-    return SB_OK;
 }
 
 /* ==== src/softbody/geometry/stuffing_share.c ==== */
@@ -26044,6 +25940,282 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
     }
     sbi_free(&def->allocator, share.samples);
     return result;
+}
+
+/* ==== src/softbody/geometry/stuffing.c ==== */
+/* stuffing: isosurface stuffing with several shapes and graded cells.
+ *
+ * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
+ * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
+ * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
+ *
+ *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
+ *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
+ *   3. cut       where edges between labels cross the surface, by root finding
+ *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
+ *   5. stencils  what is still cut falls into tets of one label each
+ *
+ * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
+ * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
+ * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
+ * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
+ * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
+ * nothing else that the two tets at the face do not share; so they cut it alike.
+ *
+ * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
+ * prisms and the lengths of warps: own derivation, checked over all patterns. */
+
+SB_API sb_stuff_def sb_default_stuff_def(void)
+{
+    sb_stuff_def def;
+    memset(&def, 0, sizeof def);
+    def.type = SB_TET4;
+    def.max_elements = 20000000;
+    def.least_share = (sb_real)0.5;
+    def.cookie = SBI_STUFF_COOKIE;
+    return def;
+}
+
+/* ---- checks and set-up ---- */
+
+static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
+{
+    const sb_shape *g = def->shapes + shape;
+    if (!g->surface == !g->distance)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
+    if (!sb_is_finite(g->max_slope))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
+    if (g->max_slope < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = SB_OK;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    if (def->cookie != SBI_STUFF_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
+    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
+                        def->shapes ? def->shape_count : 0);
+    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
+        result = sbi_stuffing_check_shape(def, shape, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_is_finite(def->cell))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
+    if (!(def->cell > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
+    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels,
+                        SBI_STUFF_MAX_LEVELS);
+    if (def->type != SB_TET4 && def->type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
+    if (def->max_elements < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    if (!(def->least_share >= 0 && def->least_share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
+    return SB_OK;
+}
+
+/* Surfaces, and parts of them, that look inward enclose nothing. */
+static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
+{
+    for (int shape = 0; shape < def->shape_count; shape++) {
+        int triangle = -1;
+        if (!def->shapes[shape].surface)
+            continue;
+        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
+        if (triangle >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
+                                    "it): sb_surface_repair turns it",
+                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
+    }
+    return SB_OK;
+}
+
+/* Lays the lattice round the first shape, with a cell and a half or more of empty space on each side. */
+static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
+{
+    static const double spread[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703}; /* no two near */
+    const sb_stuff_def *def = s->def;
+    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
+    s->low = def->low;
+    s->high = def->high;
+    if (def->shapes[0].surface)
+        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
+    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
+        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
+    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
+    size[0] = (double)s->high.x - (double)s->low.x;
+    size[1] = (double)s->high.y - (double)s->low.y;
+    size[2] = (double)s->high.z - (double)s->low.z;
+    for (int axis = 0; axis < 3; axis++) {
+        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
+        total *= cells[axis] + 1;
+    }
+    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
+                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
+                        (double)def->cell, total, def->max_elements);
+    for (int axis = 0; axis < 3; axis++) {
+        s->n[axis] = (int)cells[axis];
+        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
+    }
+    for (int axis = 0; axis < 3 && s->attempt > 0; axis++) {
+        double place = s->attempt * spread[axis];
+        start[axis] += (place - floor(place) - 0.5) * (double)def->cell;
+    }
+    s->half = (sb_real)0.5 * def->cell;
+    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
+    s->stride[0] = 1;
+    s->stride[1] = (size_t)s->n[0] + 1;
+    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
+    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
+    return SB_OK;
+}
+
+static void sbi_stuffing_free(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    sbi_free(allocator, s->labels);
+    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
+        sbi_free(allocator, s->split[level]);
+    sbi_stuffing_set_free(s, &s->surface);
+    sbi_stuffing_set_free(s, &s->active);
+    sbi_free(allocator, s->tets);
+    sbi_free(allocator, s->positions);
+    sbi_free(allocator, s->active_label);
+    sbi_free(allocator, s->point_of);
+    sbi_free(allocator, s->points);
+    sbi_free(allocator, s->values);
+    sbi_free(allocator, s->failures);
+    sbi_free(allocator, s->cut_node);
+    sbi_free(allocator, s->cut_positions);
+    sbi_free(allocator, s->elements);
+    sbi_free(allocator, s->element_labels);
+}
+
+/* From the def to a tet4 mesh. */
+static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
+{
+    sb_result result = sbi_stuffing_lay_out(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_sample(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_find_surface(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_grade(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_enumerate(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
+    if (result != SB_OK)
+        return result;
+    sbi_stuffing_place_zeros(s);
+    result = sbi_stuffing_cut(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_collect(s, mesh);
+    return result;
+}
+
+/* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+                                   int cells[3], sb_error *error)
+{
+    sbi_stuffing s;
+    sb_result result;
+    memset(&s, 0, sizeof s);
+    memset(mesh, 0, sizeof *mesh);
+    s.def = def;
+    s.error = error;
+    s.attempt = attempt;
+    s.told = told;
+    result = sbi_stuffing_build(&s, mesh);
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 0.9);
+    if (result == SB_OK)
+        result = sbi_stuffing_finish_boundary(&s, mesh, distance);
+    if (result != SB_OK)
+        sb_mesh_free(mesh);
+    memcpy(cells, s.n, sizeof s.n);
+    sbi_stuffing_free(&s);
+    return result;
+}
+
+/* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
+ * nearest mesh is kept. */
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+                                        int cells[3], sb_error *error)
+{
+    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
+        sb_mesh other;
+        sb_real other_distance = 0;
+        int other_cells[3];
+        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
+            result = tried;
+        if (tried != SB_OK)
+            continue;
+        if (other_distance < *distance) {
+            sb_mesh swap = *mesh;
+            *mesh = other;
+            other = swap;
+            *distance = other_distance;
+            memcpy(cells, other_cells, sizeof other_cells);
+        }
+        sb_mesh_free(&other);
+    }
+    return result;
+}
+
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    sb_mesh made, raised;
+    sb_stuff_report found;
+    sb_real distance = 0;
+    double told = 0;
+    int cells[3];
+    sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result == SB_OK)
+        result = sbi_stuffing_check_orientation(def, error);
+    if (result != SB_OK)
+        return result;
+    memset(&made, 0, sizeof made);
+    memset(&found, 0, sizeof found);
+    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
+        result = kept == SB_OK ? result : kept;
+    }
+    if (result == SB_OK)
+        result = sb_mesh_reorder(&made, NULL, NULL, error);
+    if (result == SB_OK && def->type == SB_TET10) {
+        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
+        if (result == SB_OK) {
+            sb_mesh_free(&made);
+            made = raised;
+        }
+    }
+    if (result == SB_OK && def->progress && def->progress(def->progress_user, 1))
+        result = sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at the end");
+    if (result != SB_OK) {
+        sb_mesh_free(&made);
+        return result;
+    }
+    *mesh = made;
+    sbi_stuffing_fill_report(mesh, distance, cells, &found);
+    if (report)
+        *report = found;
+    return SB_OK;
 }
 
 /* ==== src/softbody/fem/material.c ==== */
@@ -27477,6 +27649,100 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     return SB_OK;
 }
 
+/* ==== src/softbody/solve/sparse_live.h ==== */
+/* sparse_live: a matrix whose pattern follows a mesh that changes. Floor 1, internal.
+ *
+ * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
+ * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
+ * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
+ * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
+ * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ *
+ * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
+ * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
+ * fixed. */
+#ifndef SB_SPARSE_LIVE_H
+#define SB_SPARSE_LIVE_H
+
+
+enum { SBI_LIVE_PIECE = 4, SBI_LIVE_PIECE_SIZES = 64 };
+
+/* Couplings besides those of cells that come and go, each named once as a pair of nodes; a pair that comes twice has to
+ * go twice. Those of nodes that a change removes go by themselves: leave them out. Pairs of one node with itself count
+ * for nothing. */
+typedef struct sbi_matrix_couplings {
+    int gone_count;
+    const int *gone; /* [gone_count][2] */
+    int made_count;
+    const int *made; /* [made_count][2] */
+} sbi_matrix_couplings;
+
+/* A coupling that a change makes, in one direction. */
+typedef struct sbi_live_key {
+    int row, column;
+    int uses;
+} sbi_live_key;
+
+typedef struct sbi_matrix_live {
+    int row_capacity, block_capacity;
+    int *room;               /* [row_capacity] places of the row's piece */
+    int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    unsigned char *in_use;   /* [row_capacity] */
+    unsigned char *marks;    /* [row_capacity] zeros between calls */
+    int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
+                                            * place has the next */
+    /* what the last change did */
+    int *touched;            /* [row_capacity] rows with other columns or in other places than before */
+    int touched_count;
+    int repacked;            /* 1: all rows moved */
+    /* parts */
+    int *part_of;            /* [row_capacity] */
+    int *lost, *held, *seen; /* [row_capacity] scratch */
+    /* the plan of the change reserved last */
+    sbi_live_key *keys;      /* new couplings, by row and column */
+    int key_count, key_capacity;
+    int pack;                /* 1: rows are pushed together first */
+    void *row_memory, *pool_memory;
+} sbi_matrix_live;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else that
+ * stays for ever); rows that no cell names and in_use excludes are free.
+ * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
+ * others   made: couplings besides; NULL: none
+ * in_use   [row_count] or NULL: all
+ * slack    share of rows and blocks in reserve, >= 0
+ * SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error);
+/* Memory to follow a change; change or others may be NULL. SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error);
+/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
+ * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+/* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Blocks that are in rows. */
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
+/* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix);
+/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
+ * first fault. */
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
+
+/* ---- sparse ---- */
+
+/* Finds the connected parts of rows and lists them; part_of [row_count]. */
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
+/* Lists rows by part, once every row has one. */
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+#endif
+
+#endif /* SB_SPARSE_LIVE_H */
+
 /* ==== src/softbody/solve/sparse.c ==== */
 /* sparse: pattern from cells, block products, constraints. */
 
@@ -27657,8 +27923,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
         }
 }
 
-/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
-static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
 {
     int rows = matrix->row_count, alone = -1;
     for (int i = 0; i < rows; i++)
@@ -27675,6 +27940,12 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         alone = is_alone ? matrix->part_count : alone;
         sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
     }
+    sbi_sparse_list_parts(matrix, part_of);
+}
+
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+{
+    int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
     for (int i = 0; i < rows; i++)
         matrix->part_start[part_of[i] + 1]++;
@@ -27744,6 +28015,7 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
         return;
+    sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
 }
@@ -27754,6 +28026,7 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
         return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
@@ -28015,6 +28288,822 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
     if (!matrix || !mask)
         return;
     sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
+}
+
+/* ==== src/softbody/solve/sparse_live.c ==== */
+/* sparse_live: rows with room, counted couplings, parts that follow. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* Takes the arrays of rows from the arena, measuring or for real. */
+static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_t rows, sbi_arena *arena)
+{
+    size_t parts = (size_t)sbi_matrix_most_parts((int)rows) + 1;
+    matrix->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    matrix->row_end = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->lost = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->held = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->seen = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->fixed = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->in_use = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->marks = (unsigned char *)sbi_arena_take(arena, rows, 1);
+}
+
+/* The same for those of blocks, with one sb_real to spare behind them and more. */
+static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_t blocks, sbi_arena *arena)
+{
+    matrix->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks + 1, sizeof matrix->blocks[0]);
+    matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+}
+
+typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
+
+/* Zeroed arrays of so many rows or blocks, 64-byte aligned; what has to be freed later, or NULL. */
+static void *sbi_live_take(sb_matrix *matrix, sbi_matrix_live *live, int count, sbi_live_layout *layout)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *memory;
+    layout(matrix, live, (size_t)count, &arena);
+    if (arena.overflow || arena.used > (size_t)-1 - 64)
+        return NULL;
+    memory = (unsigned char *)sbi_alloc_zeroed(&matrix->allocator, arena.used + 64, 1);
+    if (!memory)
+        return NULL;
+    arena.base = memory + (64 - (uintptr_t)memory % 64) % 64;
+    arena.used = 0;
+    layout(matrix, live, (size_t)count, &arena);
+    return memory;
+}
+
+/* Capacity for `least`: half as much again, as far as int goes. */
+static int sbi_live_more(int least) { return least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2; }
+
+static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old, sb_matrix *to, sbi_matrix_live *live)
+{
+    size_t ints = (size_t)from->row_count * sizeof(int);
+    memcpy(to->row_start, from->row_start, ints);
+    memcpy(to->row_end, from->row_end, ints);
+    memcpy(to->diagonal, from->diagonal, ints);
+    memcpy(to->part_rows, from->part_rows, ints);
+    memcpy(to->part_start, from->part_start, ((size_t)from->part_count + 1) * sizeof(int));
+    memcpy(to->fixed, from->fixed, (size_t)from->row_count);
+    if (!old)
+        return;
+    memcpy(live->room, old->room, ints);
+    memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->in_use, old->in_use, (size_t)from->row_count);
+}
+
+static int sbi_live_grow_rows(sb_matrix *matrix, int rows)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, rows, sbi_live_layout_rows);
+    if (!memory)
+        return 0;
+    sbi_live_copy_rows(matrix, matrix->live, &grown, &live);
+    sbi_free(&matrix->allocator, live.row_memory);
+    live.row_memory = memory;
+    live.row_capacity = rows;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+static void sbi_live_copy_pool(const sb_matrix *from, sb_matrix *to)
+{
+    memcpy(to->blocks, from->blocks, (size_t)from->block_count * sizeof from->blocks[0]);
+    memcpy(to->columns, from->columns, (size_t)from->block_count * sizeof(int));
+    memcpy(to->transpose, from->transpose, (size_t)from->block_count * sizeof(int));
+}
+
+static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, blocks, sbi_live_layout_pool);
+    if (!memory)
+        return 0;
+    sbi_live_copy_pool(matrix, &grown);
+    memcpy(live.uses, matrix->live->uses, (size_t)matrix->block_count * sizeof(int));
+    sbi_free(&matrix->allocator, live.pool_memory);
+    live.pool_memory = memory;
+    live.block_capacity = blocks;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
+{
+    if (!matrix->live)
+        return;
+    sbi_free(&matrix->allocator, matrix->live->row_memory);
+    sbi_free(&matrix->allocator, matrix->live->pool_memory);
+    sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live);
+    matrix->live = NULL;
+}
+
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
+{
+    int count = 0;
+    if (!matrix->live)
+        return matrix->block_count;
+    for (int i = 0; i < matrix->row_count; i++)
+        count += matrix->row_end[i] - matrix->row_start[i];
+    return count;
+}
+
+/* ---- places of the pool --------------------------------------------------------------------------------- */
+
+/* Leaves a place to no row. */
+static void sbi_live_clear(sb_matrix *matrix, int place)
+{
+    memset(matrix->blocks[place], 0, sizeof matrix->blocks[place]);
+    matrix->columns[place] = 0;
+    matrix->transpose[place] = place;
+    matrix->live->uses[place] = 0;
+}
+
+/* Brings a block of row i to another place. */
+static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
+{
+    int twin = matrix->transpose[from];
+    memcpy(matrix->blocks[to], matrix->blocks[from], sizeof matrix->blocks[to]);
+    matrix->columns[to] = matrix->columns[from];
+    matrix->live->uses[to] = matrix->live->uses[from];
+    if (matrix->columns[to] == i) {
+        matrix->diagonal[i] = matrix->transpose[to] = to;
+        return;
+    }
+    matrix->transpose[to] = twin;
+    matrix->transpose[twin] = to;
+}
+
+static int sbi_live_piece_places(int length)
+{
+    return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE;
+}
+
+/* A piece for a row of so many blocks; its places are cleared. */
+static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
+{
+    sbi_matrix_live *live = matrix->live;
+    int places = sbi_live_piece_places(length), size = places / SBI_LIVE_PIECE - 1, start;
+    start = size < SBI_LIVE_PIECE_SIZES ? live->free_pieces[size] : -1;
+    if (start >= 0) {
+        live->free_pieces[size] = live->uses[start];
+        live->uses[start] = 0;
+    } else {
+        start = matrix->block_count;
+        matrix->block_count += places; /* there is room: sbi_matrix_reserve has seen to it */
+        for (int k = start; k < matrix->block_count; k++)
+            sbi_live_clear(matrix, k);
+    }
+    matrix->row_start[i] = matrix->row_end[i] = start;
+    live->room[i] = places;
+}
+
+/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest, waits
+ * for the rows to be pushed together. */
+static void sbi_live_give_piece(sb_matrix *matrix, int start, int places)
+{
+    sbi_matrix_live *live = matrix->live;
+    int size = places / SBI_LIVE_PIECE - 1;
+    if (size < 0 || size >= SBI_LIVE_PIECE_SIZES)
+        return;
+    live->uses[start] = live->free_pieces[size];
+    live->free_pieces[size] = start;
+}
+
+/* A row of its diagonal block only, 0. */
+static void sbi_live_open_row(sb_matrix *matrix, int i)
+{
+    sbi_live_take_piece(matrix, i, 1);
+    matrix->diagonal[i] = matrix->row_start[i];
+    matrix->columns[matrix->row_start[i]] = i;
+    matrix->row_end[i] = matrix->row_start[i] + 1;
+    matrix->fixed[i] = 0;
+    matrix->live->in_use[i] = 0;
+    matrix->live->part_of[i] = -1;
+}
+
+static void sbi_live_touch(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (!live->marks[i]) {
+        live->marks[i] = 1;
+        live->lost[i] = i;
+        live->touched[live->touched_count++] = i;
+    }
+}
+
+/* ---- pushing rows together ------------------------------------------------------------------------------ */
+
+static void sbi_live_sift(const int *start, int *rows, int root, int count)
+{
+    int row = rows[root];
+    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
+        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
+            child++;
+        if (start[row] >= start[rows[child]])
+            break;
+        rows[root] = rows[child];
+        root = child;
+    }
+    rows[root] = row;
+}
+
+/* Rows by the places of their pieces. */
+static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
+{
+    int count = matrix->row_count;
+    for (int i = 0; i < count; i++)
+        rows[i] = i;
+    for (int root = count / 2; root-- > 0;)
+        sbi_live_sift(matrix->row_start, rows, root, count);
+    for (int last = count - 1; last > 0; last--) {
+        int top = rows[0];
+        rows[0] = rows[last];
+        rows[last] = top;
+        sbi_live_sift(matrix->row_start, rows, 0, last);
+    }
+}
+
+/* Places that rows take once they are pushed together: as long as they are. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *rows = live->held, end = 0, old_end = matrix->block_count;
+    sbi_live_order_rows(matrix, rows);
+    for (int k = 0; k < matrix->row_count; k++) {
+        int i = rows[k];
+        int start = end;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
+            if (q != end)
+                sbi_live_move(matrix, i, q, end);
+        matrix->row_start[i] = start;
+        matrix->row_end[i] = end;
+        live->room[i] = end - start;
+    }
+    for (int q = end; q < old_end; q++)
+        sbi_live_clear(matrix, q);
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    matrix->block_count = end;
+    live->repacked = 1;
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_live_touch(matrix, i);
+}
+
+/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+
+static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+{
+    return a.row < b.row || (a.row == b.row && a.column < b.column);
+}
+
+/* By row and column; Shell's sort, with gaps of Ciura. */
+static void sbi_live_sort_keys(sbi_live_key *keys, int count)
+{
+    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
+        int gap = gaps[g];
+        for (int k = gap; k < count; k++) {
+            sbi_live_key key = keys[k];
+            int at = k;
+            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
+                keys[at] = keys[at - gap];
+            keys[at] = key;
+        }
+    }
+}
+
+/* Plans the coupling of two nodes, unless the pattern has it. */
+static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+        return;
+    for (int flip = 0; flip < 2; flip++) {
+        sbi_live_key *key = live->keys + live->key_count++;
+        key->row = flip ? j : i;
+        key->column = flip ? i : j;
+        key->uses = 1;
+    }
+}
+
+/* Sorts the plan and makes one of several keys of a coupling. */
+static void sbi_live_merge_keys(sbi_matrix_live *live)
+{
+    int count = 0;
+    sbi_live_sort_keys(live->keys, live->key_count);
+    for (int k = 0; k < live->key_count; k++)
+        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
+            live->keys[count - 1].uses += live->keys[k].uses;
+        else
+            live->keys[count++] = live->keys[k];
+    live->key_count = count;
+}
+
+/* Fills the plan; 0: no memory. */
+static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_matrix_live *live = matrix->live;
+    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
+    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
+    if (most > (size_t)live->key_capacity) {
+        int capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
+        sbi_live_key *keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
+        if (!keys)
+            return 0;
+        sbi_free(&matrix->allocator, live->keys);
+        live->keys = keys;
+        live->key_capacity = capacity;
+    }
+    live->key_count = 0;
+    for (int c = 0; c < cells; c++) {
+        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_plan_pair(matrix, cell[a], cell[b]);
+    }
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
+    sbi_live_merge_keys(live);
+    return 1;
+}
+
+/* Places that the plan takes at the pool's end at most. */
+static size_t sbi_live_planned_places(const sb_matrix *matrix, int row_count)
+{
+    const sbi_matrix_live *live = matrix->live;
+    size_t places = SBI_LIVE_PIECE * (size_t)sbi_max_int(0, row_count - matrix->row_count);
+    for (int k = 0, next; k < live->key_count; k = next) {
+        int i = live->keys[k].row, is_new = i >= matrix->row_count;
+        int length = is_new ? 1 : matrix->row_end[i] - matrix->row_start[i];
+        for (next = k; next < live->key_count && live->keys[next].row == i; next++)
+            length++;
+        if (is_new || length > live->room[i])
+            places += (size_t)sbi_live_piece_places(length);
+    }
+    return places;
+}
+
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error)
+{
+    sbi_matrix_live *live = matrix->live;
+    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
+    if (made && rows > live->row_capacity)
+        made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    live->pack = 0;
+    if (made) {
+        size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
+        if ((size_t)matrix->block_count + more > most) {
+            /* half of what is pushed together stays free, or soon it would have to be done again */
+            size_t needed = (size_t)sbi_matrix_used_blocks(matrix) + more;
+            live->pack = needed + needed / 8 <= most;
+            if (!live->pack)
+                made = (size_t)matrix->block_count + more <= INT_MAX &&
+                       sbi_live_grow_pool(matrix, sbi_live_more((int)((size_t)matrix->block_count + more)));
+        }
+    }
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows to change", rows);
+}
+
+/* ---- following ------------------------------------------------------------------------------------------- */
+
+/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
+{
+    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
+    if (q < 0)
+        return;
+    matrix->live->uses[q] += uses;
+    matrix->live->uses[matrix->transpose[q]] += uses;
+    if (matrix->live->uses[q] == 0) {
+        sbi_live_touch(matrix, i);
+        sbi_live_touch(matrix, j);
+    }
+}
+
+static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int *cells, int uses)
+{
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_count(matrix, cells[a], cells[b], uses);
+}
+
+static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+{
+    for (int k = 0; k < count; k++)
+        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+}
+
+/* All couplings of a node that goes. */
+static void sbi_live_drop_node(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    sbi_live_touch(matrix, i);
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->uses[q] = live->uses[matrix->transpose[q]] = 0;
+        sbi_live_touch(matrix, matrix->columns[q]);
+    }
+    live->in_use[i] = 0;
+    live->part_of[i] = -1;
+}
+
+static int sbi_live_root(int *parent, int i)
+{
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+static void sbi_live_join(int *parent, int i, int j)
+{
+    i = sbi_live_root(parent, i);
+    j = sbi_live_root(parent, j);
+    parent[sbi_max_int(i, j)] = sbi_min_int(i, j);
+}
+
+/* Takes couplings that nothing needs any more out of a row. */
+static void sbi_live_sweep_row(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    int end = matrix->row_start[i];
+    for (int q = end; q < matrix->row_end[i]; q++) {
+        if (live->uses[q] == 0 && matrix->columns[q] != i) {
+            sbi_live_join(live->lost, i, matrix->columns[q]);
+            continue;
+        }
+        if (q != end)
+            sbi_live_move(matrix, i, q, end);
+        end++;
+    }
+    for (int q = end; q < matrix->row_end[i]; q++)
+        sbi_live_clear(matrix, q);
+    matrix->row_end[i] = end;
+}
+
+/* Brings a row to a piece with room for `length` blocks. */
+static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
+{
+    int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    sbi_live_take_piece(matrix, i, length);
+    for (int q = start; q < end; q++) {
+        sbi_live_move(matrix, i, q, matrix->row_end[i]++);
+        sbi_live_clear(matrix, q);
+    }
+    sbi_live_give_piece(matrix, start, room);
+}
+
+/* Merges planned couplings, all of row i, into it. */
+static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys, int count)
+{
+    int length = matrix->row_end[i] - matrix->row_start[i] + count, read, write;
+    if (length > matrix->live->room[i])
+        sbi_live_move_row(matrix, i, length);
+    read = matrix->row_end[i] - 1;
+    matrix->row_end[i] += count;
+    for (write = matrix->row_end[i] - 1; count > 0; write--) {
+        const sbi_live_key *key = keys + count - 1;
+        if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
+            sbi_live_move(matrix, i, read--, write);
+            continue;
+        }
+        sbi_live_clear(matrix, write);
+        matrix->columns[write] = key->column;
+        matrix->live->uses[write] = key->uses;
+        count--;
+    }
+}
+
+static void sbi_live_fill(sb_matrix *matrix)
+{
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0, next; k < live->key_count; k = next) {
+        for (next = k; next < live->key_count && live->keys[next].row == live->keys[k].row; next++)
+            continue;
+        sbi_live_fill_row(matrix, live->keys[k].row, live->keys + k, next - k);
+    }
+    for (int k = 0; k < live->key_count; k++) {
+        int i = live->keys[k].row, j = live->keys[k].column, q, twin;
+        if (i > j)
+            continue;
+        q = sb_matrix_find(matrix, i, j);
+        twin = sb_matrix_find(matrix, j, i);
+        matrix->transpose[q] = twin;
+        matrix->transpose[twin] = q;
+    }
+}
+
+/* ---- parts ------------------------------------------------------------------------------------------------ */
+
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
+ * still hang together by couplings of theirs. 0: that has to be looked into. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        live->seen[i] = -1;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->held[matrix->columns[q]] = matrix->columns[q];
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            sbi_live_join(live->held, i, matrix->columns[q]);
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], group, held;
+        if (!live->in_use[i])
+            continue;
+        group = sbi_live_root(live->lost, i);
+        held = sbi_live_root(live->held, i);
+        if (live->seen[group] >= 0 && live->seen[group] != held)
+            return 0;
+        live->seen[group] = held;
+    }
+    return 1;
+}
+
+/* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
+static int sbi_live_parts_extend(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int open, found;
+    do {
+        open = found = 0;
+        for (int k = 0; k < live->touched_count; k++) {
+            int i = live->touched[k];
+            if (live->part_of[i] >= 0 || sbi_live_is_alone(matrix, i))
+                continue;
+            for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->part_of[i] < 0; q++)
+                live->part_of[i] = live->part_of[matrix->columns[q]];
+            found |= live->part_of[i] >= 0;
+            open |= live->part_of[i] < 0;
+        }
+    } while (open && found);
+    for (int k = 0; k < live->key_count && !open; k++)
+        open |= live->part_of[live->keys[k].row] != live->part_of[live->keys[k].column];
+    return !open;
+}
+
+/* Numbers parts by their first rows, rows with their diagonal block only as one, and lists them. */
+static void sbi_live_number_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *number = live->held, alone = -1;
+    for (int c = 0; c < matrix->row_count; c++)
+        number[c] = -1;
+    matrix->part_count = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        int *at = sbi_live_is_alone(matrix, i) ? &alone : number + live->part_of[i];
+        if (*at < 0)
+            *at = matrix->part_count++;
+        live->part_of[i] = *at;
+    }
+    sbi_sparse_list_parts(matrix, live->part_of);
+}
+
+static void sbi_live_follow_parts(sb_matrix *matrix)
+{
+    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+        sbi_live_number_parts(matrix);
+    else
+        sbi_sparse_find_parts(matrix, matrix->live->part_of);
+}
+
+/* ---- all of it --------------------------------------------------------------------------------------------- */
+
+static void sbi_live_set_free_row(sb_matrix *matrix, int i)
+{
+    sb_real *block = matrix->blocks[matrix->diagonal[i]];
+    for (int k = 0; k < 9; k++)
+        block[k] = (sb_real)(k % 4 == 0);
+    matrix->fixed[i] = SB_XYZ;
+}
+
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
+{
+    for (int i = 0; matrix->live && i < matrix->row_count; i++)
+        if (!matrix->live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+}
+
+static void sbi_live_begin(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->touched_count = 0;
+    live->repacked = 0;
+    if (live->pack)
+        sbi_live_pack(matrix);
+    live->pack = 0;
+}
+
+/* Nodes that go, rows that begin, nodes that come. */
+static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < change->removed_node_count; k++)
+        sbi_live_drop_node(matrix, change->removed_nodes[k]);
+    for (; matrix->row_count < change->node_end; matrix->row_count++)
+        sbi_live_open_row(matrix, matrix->row_count);
+    for (int k = 0; k < change->made_node_count; k++) {
+        int i = change->made_nodes[k];
+        sbi_live_touch(matrix, i);
+        memset(matrix->blocks[matrix->diagonal[i]], 0, sizeof matrix->blocks[0]);
+        matrix->fixed[i] = 0;
+        live->in_use[i] = 1;
+        live->part_of[i] = -1;
+    }
+}
+
+/* Rows beyond the last node go; rows of nodes that are gone have their diagonal block only. */
+static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    while (matrix->row_count > change->node_end) {
+        int i = --matrix->row_count;
+        sbi_live_clear(matrix, matrix->row_start[i]);
+        sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
+    }
+    for (int k = 0, count = live->touched_count; k < count; k++) {
+        int i = live->touched[k];
+        live->marks[i] = 0;
+        if (i >= matrix->row_count)
+            continue;
+        if (!live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+    }
+    for (int k = live->touched_count; k-- > 0;)
+        if (live->touched[k] >= matrix->row_count)
+            live->touched[k] = live->touched[--live->touched_count];
+}
+
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_mesh_change same;
+    sbi_matrix_live *live = matrix->live;
+    int n;
+    memset(&same, 0, sizeof same);
+    same.node_end = matrix->row_count;
+    change = change ? change : &same;
+    n = change->nodes_per_cell;
+    sbi_live_begin(matrix);
+    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
+    sbi_live_follow_nodes(matrix, change);
+    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; k < live->key_count; k++)
+        sbi_live_touch(matrix, live->keys[k].row);
+    for (int k = 0; k < live->touched_count; k++)
+        sbi_live_sweep_row(matrix, live->touched[k]);
+    sbi_live_fill(matrix);
+    sbi_live_end_nodes(matrix, change);
+    sbi_live_follow_parts(matrix);
+    live->key_count = 0;
+}
+
+/* ---- making one -------------------------------------------------------------------------------------------- */
+
+/* Takes over rows and blocks of a compact matrix. */
+static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows, int blocks)
+{
+    sb_matrix made = *matrix;
+    live->row_capacity = rows;
+    live->block_capacity = blocks;
+    live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
+    live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
+    if (!live->pool_memory) {
+        sbi_free(&matrix->allocator, live->row_memory);
+        return 0;
+    }
+    sbi_live_copy_rows(matrix, NULL, &made, live);
+    sbi_live_copy_pool(matrix, &made);
+    for (int i = 0; i < matrix->row_count; i++)
+        live->room[i] = made.row_end[i] - made.row_start[i];
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            live->part_of[matrix->part_rows[k]] = c;
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    sbi_free(&matrix->allocator, made.memory);
+    made.memory = NULL;
+    made.live = live;
+    *matrix = made;
+    return 1;
+}
+
+static int sbi_live_capacity(int count, double slack)
+{
+    double capacity = (double)count * (1 + slack);
+    return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
+}
+
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error)
+{
+    sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
+    if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
+                                     sbi_live_capacity(matrix->block_count, slack))) {
+        sbi_free(&matrix->allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        live->in_use[i] = !in_use || in_use[i];
+    for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
+        if (cells[0] >= 0)
+            sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
+    sbi_matrix_set_free_rows(matrix);
+    return SB_OK;
+}
+
+/* ---- checks ------------------------------------------------------------------------------------------------ */
+
+static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int start = matrix->row_start[i], end = matrix->row_end[i];
+    if (start < 0 || end <= start || end - start > live->room[i] || start > matrix->block_count - live->room[i])
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d has %d blocks from %d on in %d places", i, end - start,
+                             start, live->room[i]);
+    if (!live->in_use[i] && (end - start != 1 || matrix->fixed[i] != SB_XYZ))
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is not in use, but coupled or free to move", i);
+    if (matrix->diagonal[i] < start || matrix->diagonal[i] >= end || matrix->columns[matrix->diagonal[i]] != i)
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: the diagonal block is not where it should be", i);
+    for (int q = start; q < end; q++) {
+        int j = matrix->columns[q], twin = matrix->transpose[q];
+        if (j < 0 || j >= matrix->row_count || (q > start && j <= matrix->columns[q - 1]))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is out of order", i, j);
+        if (twin != sb_matrix_find(matrix, j, i) || live->uses[q] != live->uses[twin])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d has another transpose or count", i, j);
+        if ((j == i) != (live->uses[q] == 0))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j, live->uses[q]);
+        if (live->part_of[j] != live->part_of[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is in another part", i, j);
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    if (!live)
+        return SB_OK;
+    if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_result result = sbi_live_check_row(matrix, i, error);
+        if (result != SB_OK)
+            return result;
+        if (live->marks[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
+    }
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
+            for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
+                if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
+                    return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            if (live->part_of[matrix->part_rows[k]] != c)
+                return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    return SB_OK;
 }
 
 /* ==== src/softbody/solve/direct_order.c ==== */
@@ -37143,53 +38232,15 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
     return sbi_domain_lump_part(n, volume, full, mass);
 }
 
-/* ==== src/softbody/geometry/grid.c ==== */
-/* grid: octrees in the cells that a surface cuts, and what comes of them: points, weights, masses. */
+/* ==== src/softbody/geometry/grid_private.h ==== */
+/* grid_private: what the makers of a grid work on. */
+#ifndef SBI_GRID_PRIVATE_H
+#define SBI_GRID_PRIVATE_H
+
 
 #include <string.h>
 
-#define SBI_GRID_COOKIE 0x6e1du
-
-enum {
-    SBI_GRID_BLOCK = 4,       /* cells along each edge of a block that is looked at at once */
-    SBI_GRID_PROBE_LEVEL = 4, /* how finely the inside of a cell is looked for when the level asked for finds none */
-    SBI_GRID_SLAB = 64        /* tasks between two calls of progress */
-};
-
-/* What the boxes of a lattice turned out to be. */
-enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
-
-SB_API sb_grid_def sb_default_grid_def(void)
-{
-    sb_grid_def def;
-    memset(&def, 0, sizeof def);
-    def.method = SB_GRID_WEIGHTED_CELL;
-    def.level = 3;
-    def.cells = 10;
-    def.void_stiffness = (sb_real)1e-4;
-    def.max_points = 4000000;
-    def.cookie = SBI_GRID_COOKIE;
-    return def;
-}
-
-SB_API void sb_grid_free(sb_grid *grid)
-{
-    sb_allocator allocator;
-    if (!grid)
-        return;
-    allocator = grid->allocator;
-    sb_mesh_free(&grid->mesh);
-    sb_mesh_free(&grid->body_mesh);
-    sb_domain_free(&grid->domain);
-    sbi_free(&allocator, grid->body_cells);
-    sbi_free(&allocator, grid->shares);
-    sbi_free(&allocator, grid->lattice);
-    sbi_free(&allocator, grid->regions);
-    sbi_free(&allocator, grid->region_volumes);
-    memset(grid, 0, sizeof *grid);
-}
-
-/* ---- what is worked with ---- */
+/* ---- grid_cell.c ---- */
 
 /* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
 typedef struct sbi_grid_box {
@@ -37247,12 +38298,78 @@ typedef struct sbi_grid_walk {
     int bad;                /* 1: a distance was not finite */
 } sbi_grid_walk;
 
-/* ---- distances ---- */
-
-static const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
+SB_INLINE const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
 {
     return shape == 0 ? &def->outer : def->inner + (shape - 1);
 }
+
+/* Signs of local coordinates at the corners, in VTK's order. */
+SB_INLINE double sbi_grid_sign(int node, int axis)
+{
+    static const signed char sign[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
+                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
+    return (double)sign[node][axis];
+}
+
+SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error);
+/* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
+ * finite. */
+SBI_API int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box);
+/* Slot of the region that the whole box is of, -1 where it is empty, -2 when that is open. */
+SBI_API int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside);
+SBI_API sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside);
+/* Middle of a lattice box `index` cells from the origin, or of a block of `width` cells from there. */
+SBI_API sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width);
+SBI_API sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box);
+SBI_API void sbi_grid_shape_functions(const double xi[3], double shape[8]);
+/* Gradients (1/m) in a brick of this size. */
+SBI_API void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients);
+/* Local coordinates of a point in the cell with this middle. */
+SBI_API void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3]);
+/* What a point inside adds to the sums of its region: `share` of the cell. */
+SBI_API void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant);
+/* Point p of eight in a box: Gauss's two along each axis, the first axis fastest. */
+SBI_API sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p);
+SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate);
+
+/* ---- grid_cut.c ---- */
+
+SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
+
+/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
+SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
+/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
+ * that the cells of a grid do not change with the level, and none that is kept is without mass. */
+SBI_API void sbi_grid_measure_cell(void *user, int index);
+SBI_API double sbi_grid_part_share(const sbi_grid_part *part);
+/* Share of a cut cell that is inside; *largest: the region that has most of it. */
+SBI_API double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest);
+/* Decides what is kept, and where its cells of the body's mesh start. *cells and *body_cells: how many there are. */
+SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error);
+
+/* ---- grid_fill.c ---- */
+
+SBI_API size_t sbi_grid_lattice_nodes(const int *counts);
+SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error);
+
+/* ---- grid.c ---- */
+
+enum {
+    SBI_GRID_BLOCK = 4,       /* cells along each edge of a block that is looked at at once */
+    SBI_GRID_PROBE_LEVEL = 4, /* how finely the inside of a cell is looked for when the level asked for finds none */
+    SBI_GRID_SLAB = 64        /* tasks between two calls of progress */
+};
+
+/* What the boxes of a lattice turned out to be. */
+enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
+
+#endif /* SBI_GRID_PRIVATE_H */
+
+/* ==== src/softbody/geometry/grid_cell.c ==== */
+/* grid_cell: distances, and the octree in a cell that a surface cuts: what each region has of it. */
+
+/* ---- distances ---- */
 
 /* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
  * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
@@ -37280,7 +38397,7 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
-static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
+SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
     for (int s = 0; s < work->shape_count; s++) {
@@ -37314,9 +38431,7 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 
 /* ---- boxes ---- */
 
-/* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
- * finite. */
-static int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box)
+SBI_API int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box)
 {
     for (int s = 0; s < work->shape_count && box->undecided; s++) {
         const sb_shape *shape = sbi_grid_get_shape(work->def, s);
@@ -37338,8 +38453,7 @@ static int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_bo
     return 1;
 }
 
-/* Slot of the region that the whole box is of, -1 where it is empty, -2 when that is open. */
-static int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside)
+SBI_API int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside)
 {
     if (undecided & 1u)
         return -2;
@@ -37354,7 +38468,7 @@ static int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned
     return work->slot_of[0];
 }
 
-static sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside)
+SBI_API sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside)
 {
     sbi_grid_box box;
     box.centre = centre;
@@ -37366,8 +38480,7 @@ static sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned und
     return box;
 }
 
-/* Middle of a lattice box `index` cells from the origin, or of a block of `width` cells from there. */
-static sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width)
+SBI_API sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width)
 {
     sb_real reach = (sb_real)0.5 * (sb_real)width;
     return sb_v3(grid->origin.x + grid->cell_size.x * ((sb_real)x + reach),
@@ -37375,7 +38488,7 @@ static sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int wid
                  grid->origin.z + grid->cell_size.z * ((sb_real)z + reach));
 }
 
-static sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
+SBI_API sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
 {
     int x = box % grid->counts[0], row = box / grid->counts[0];
     return sbi_grid_middle(grid, x, row % grid->counts[1], row / grid->counts[1], 1);
@@ -37383,23 +38496,14 @@ static sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
 
 /* ---- shape functions of a cell ---- */
 
-/* Signs of local coordinates at the corners, in VTK's order. */
-static double sbi_grid_sign(int node, int axis)
-{
-    static const signed char sign[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
-                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
-    return (double)sign[node][axis];
-}
-
-static void sbi_grid_shape_functions(const double xi[3], double shape[8])
+SBI_API void sbi_grid_shape_functions(const double xi[3], double shape[8])
 {
     for (int a = 0; a < 8; a++)
         shape[a] = 0.125 * (1 + sbi_grid_sign(a, 0) * xi[0]) * (1 + sbi_grid_sign(a, 1) * xi[1]) *
                    (1 + sbi_grid_sign(a, 2) * xi[2]);
 }
 
-/* Gradients (1/m) in a brick of this size. */
-static void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients)
+SBI_API void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients)
 {
     const double scale[3] = {0.25 / (double)size.x, 0.25 / (double)size.y, 0.25 / (double)size.z};
     for (int a = 0; a < 8; a++)
@@ -37410,8 +38514,7 @@ static void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradie
         }
 }
 
-/* Local coordinates of a point in the cell with this middle. */
-static void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3])
+SBI_API void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3])
 {
     xi[0] = 2 * ((double)point.x - (double)middle.x) / (double)grid->cell_size.x;
     xi[1] = 2 * ((double)point.y - (double)middle.y) / (double)grid->cell_size.y;
@@ -37420,8 +38523,7 @@ static void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, d
 
 /* ---- the octree of a cell ---- */
 
-/* What a point inside adds to the sums of its region: `share` of the cell. */
-static void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant)
+SBI_API void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant)
 {
     double shape[8];
     sbi_grid_shape_functions(xi, shape);
@@ -37454,8 +38556,7 @@ static void sbi_grid_emit(sbi_grid_walk *walk, int slot, sb_vec3 point, double s
         sbi_grid_write_point(walk, slot, xi, share);
 }
 
-/* Point p of eight in a box: Gauss's two along each axis, the first axis fastest. */
-static sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p)
+SBI_API sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p)
 {
     const sb_real gauss = (sb_real)0.57735026918962576451;
     return sb_v3(box->centre.x + (p & 1 ? gauss : -gauss) * box->half.x,
@@ -37508,7 +38609,7 @@ static void sbi_grid_descend(sbi_grid_walk *walk, sbi_grid_box *box, int depth, 
     }
 }
 
-static void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate)
+SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate)
 {
     const sb_grid *grid = walk->work->grid;
     sbi_grid_box box;
@@ -37520,6 +38621,9 @@ static void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *ca
     sbi_grid_descend(walk, &box, 0, -1);
 }
 
+/* ==== src/softbody/geometry/grid_cut.c ==== */
+/* grid_cut: which cells are inside, which are cut, and which are kept. */
+
 /* ---- running tasks ---- */
 
 static void sbi_grid_slab_task(void *user, int index)
@@ -37528,8 +38632,7 @@ static void sbi_grid_slab_task(void *user, int index)
     work->task(work, work->first_task + index);
 }
 
-/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
-static sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
+SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
 {
     double before = work->done;
     work->task = task;
@@ -37625,7 +38728,7 @@ static sb_result sbi_grid_list_candidates(sbi_grid_work *work, int boxes, sb_err
     return SB_OK;
 }
 
-static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
+SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
 {
     const int *counts = work->grid->counts;
     const sb_allocator *allocator = &work->def->allocator;
@@ -37642,9 +38745,7 @@ static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
 
 /* ---- what is inside the cells that are cut ---- */
 
-/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
- * that the cells of a grid do not change with the level, and none that is kept is without mass. */
-static void sbi_grid_measure_cell(void *user, int index)
+SBI_API void sbi_grid_measure_cell(void *user, int index)
 {
     sbi_grid_work *work = (sbi_grid_work *)user;
     sbi_grid_candidate *candidate = work->candidates + work->cut[index];
@@ -37664,7 +38765,7 @@ static void sbi_grid_measure_cell(void *user, int index)
         candidate->cell_count = -1;
 }
 
-static double sbi_grid_part_share(const sbi_grid_part *part)
+SBI_API double sbi_grid_part_share(const sbi_grid_part *part)
 {
     double sum = 0;
     for (int o = 0; o < 8; o++)
@@ -37672,8 +38773,7 @@ static double sbi_grid_part_share(const sbi_grid_part *part)
     return 0.125 * sum;
 }
 
-/* Share of a cut cell that is inside; *largest: the region that has most of it. */
-static double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest)
+SBI_API double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest)
 {
     double sum = 0, most = -1;
     for (int s = 0; s < work->slot_count; s++) {
@@ -37686,8 +38786,6 @@ static double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_cand
     }
     return sum;
 }
-
-static int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
 
 /* Cells of the body's mesh for a cut cell that is kept. */
 static int64_t sbi_grid_count_cells(const sbi_grid_work *work, const sbi_grid_candidate *c)
@@ -37705,8 +38803,7 @@ static int64_t sbi_grid_count_cells(const sbi_grid_work *work, const sbi_grid_ca
 
 static int sbi_grid_fit_int(int64_t count) { return count <= INT32_MAX / 64; }
 
-/* Decides what is kept, and where its cells of the body's mesh start. *cells and *body_cells: how many there are. */
-static sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error)
+SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error)
 {
     const sb_grid_def *def = work->def;
     int64_t total = 0;
@@ -37735,6 +38832,9 @@ static sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *bod
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/grid_fill.c ==== */
+/* grid_fill: the meshes of the cells that are kept, and their points, weights and masses. */
+
 /* ---- meshes ---- */
 
 /* Node of the lattice at corner `node` of a box. */
@@ -37746,7 +38846,7 @@ static size_t sbi_grid_lattice_node(const int *counts, int box, int node)
     return (z * (size_t)(counts[1] + 1) + y) * (size_t)(counts[0] + 1) + x;
 }
 
-static size_t sbi_grid_lattice_nodes(const int *counts)
+SBI_API size_t sbi_grid_lattice_nodes(const int *counts)
 {
     return (size_t)(counts[0] + 1) * (size_t)(counts[1] + 1) * (size_t)(counts[2] + 1);
 }
@@ -37971,7 +39071,7 @@ static void sbi_grid_sum_volumes(const sbi_grid_work *work)
     grid->volume = (sb_real)total;
 }
 
-static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error)
+SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error)
 {
     sb_grid *grid = work->grid;
     int cells, body_cells, nodes;
@@ -37989,6 +39089,41 @@ static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *err
     if (result == SB_OK)
         sbi_grid_sum_volumes(work);
     return result;
+}
+
+/* ==== src/softbody/geometry/grid.c ==== */
+/* grid: a grid of bricks around a shape: its definition checked, laid out, made. */
+
+#define SBI_GRID_COOKIE 0x6e1du
+
+SB_API sb_grid_def sb_default_grid_def(void)
+{
+    sb_grid_def def;
+    memset(&def, 0, sizeof def);
+    def.method = SB_GRID_WEIGHTED_CELL;
+    def.level = 3;
+    def.cells = 10;
+    def.void_stiffness = (sb_real)1e-4;
+    def.max_points = 4000000;
+    def.cookie = SBI_GRID_COOKIE;
+    return def;
+}
+
+SB_API void sb_grid_free(sb_grid *grid)
+{
+    sb_allocator allocator;
+    if (!grid)
+        return;
+    allocator = grid->allocator;
+    sb_mesh_free(&grid->mesh);
+    sb_mesh_free(&grid->body_mesh);
+    sb_domain_free(&grid->domain);
+    sbi_free(&allocator, grid->body_cells);
+    sbi_free(&allocator, grid->shares);
+    sbi_free(&allocator, grid->lattice);
+    sbi_free(&allocator, grid->regions);
+    sbi_free(&allocator, grid->region_volumes);
+    memset(grid, 0, sizeof *grid);
 }
 
 /* ---- creation ---- */
@@ -38182,6 +39317,9 @@ SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error 
         sb_grid_free(&made);
     return result;
 }
+
+/* ==== src/softbody/geometry/grid_map.c ==== */
+/* grid_map: points and surfaces in a grid as weights of its nodes. */
 
 /* ---- points of the body in the grid ---- */
 
@@ -44723,6 +45861,9 @@ typedef struct sbi_embed_volume {
     sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
+/* Elements of a leaf of the tree; deepest path through it. */
+enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
 SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
                                           sbi_embed_volume *volume, sb_error *error);
@@ -44766,15 +45907,17 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
 /* x(xi) of an element and its Jacobian's columns. */
 SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi[3], sb_mat3 *jacobian);
 
+/* Nodes of a boundary face. */
+SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face);
+/* to[i] = from[nodes[i]] */
+SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to);
+
 #endif /* SB_EMBED_SEARCH_H */
 
-/* ==== src/softbody/geometry/embed_search.c ==== */
-/* embed_search: closest points in curved elements, search tree, smooth normals, feet of points outside. */
+/* ==== src/softbody/geometry/embed_volume.c ==== */
+/* embed_volume: what queries of a volume mesh read: smooth normals, Morton order, a tree of boxes. */
 
 #include <string.h>
-
-/* Elements of a leaf of the tree; deepest path through it. */
-enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* ---- faces and their normals ---- */
 
@@ -44838,12 +45981,12 @@ static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
 
-static const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face)
+SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face)
 {
     return volume->boundary.surface.elements + (size_t)face * (size_t)volume->face.nodes;
 }
 
-static void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to)
+SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to)
 {
     for (int a = 0; a < count; a++)
         to[a] = from[nodes[a]];
@@ -45105,6 +46248,11 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
         sbi_embed_volume_free(volume);
     return result;
 }
+
+/* ==== src/softbody/geometry/embed_search.c ==== */
+/* embed_search: the closest point of an element, curved ones too, and the closest element. */
+
+#include <string.h>
 
 /* ---- closest point in one element: min |x(xi) - v|^2 with xi in the element ----
  * Levenberg-Marquardt: each trial solves the quadratic model within the element's faces exactly, by the primal
@@ -45596,6 +46744,11 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     *hit = query.best;
 }
 
+/* ==== src/softbody/geometry/embed_foot.c ==== */
+/* embed_foot: feet of points outside: x(r, s) + d n(r, s) of a boundary face and its smooth normal. */
+
+#include <string.h>
+
 /* ---- feet: x(r, s) + d n(r, s) = point ---- */
 
 /* How far (r, s) lies outside a face, and the edge it lies beyond. */
@@ -45819,13 +46972,14 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     return element;
 }
 
-/* ==== src/softbody/geometry/embed.c ==== */
-/* embed: creation, groups of points that share a cell, evaluation, transpose. */
+/* ==== src/softbody/geometry/embed_private.h ==== */
+/* embed_private: an embedding, and what its update and its transpose share. */
+#ifndef SBI_EMBED_PRIVATE_H
+#define SBI_EMBED_PRIVATE_H
+
 
 #include <limits.h>
 #include <string.h>
-
-#define SBI_EMBED_COOKIE 0x73626d31u
 
 /* Points are evaluated SBI_EMBED_LANES at a time, whole vectors of any machine; groups are padded to that. The other
  * sizes divide the work among threads and depend on nothing but the problem. */
@@ -45897,12 +47051,133 @@ struct sb_embedding {
     sb_vec3 *normal_pulls;   /* [normal_count] */
 };
 
-/* ---- shape functions of SBI_EMBED_LANES points ---- */
-
 typedef struct sbi_embed_lanes {
     sb_real shape[SB_MAX_ELEMENT_NODES][SBI_EMBED_LANES];
     sb_real slope[SB_MAX_ELEMENT_NODES][3][SBI_EMBED_LANES];
 } sbi_embed_lanes;
+
+typedef struct sbi_embed_vec3 {
+    sb_real x[SBI_EMBED_LANES], y[SBI_EMBED_LANES], z[SBI_EMBED_LANES];
+} sbi_embed_vec3;
+
+SB_INLINE sb_vec3 sbi_embed_lane(const sbi_embed_vec3 *v, int l) { return sb_v3(v->x[l], v->y[l], v->z[l]); }
+SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
+{
+    v->x[l] = value.x;
+    v->y[l] = value.y;
+    v->z[l] = value.z;
+}
+
+/* x -> 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
+SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
+{
+    sb_real y[SBI_EMBED_LANES];
+#if SB_REAL_IS_FLOAT
+    uint32_t bits[SBI_EMBED_LANES];
+    const uint32_t magic = 0x5f3759dfu;
+#else
+    uint64_t bits[SBI_EMBED_LANES];
+    const uint64_t magic = UINT64_C(0x5fe6eb50c7b537a9);
+#endif
+    memcpy(bits, x, sizeof bits);
+    SBI_EMBED_EACH_LANE(l)
+        bits[l] = magic - (bits[l] >> 1);
+    memcpy(y, bits, sizeof y);
+    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+        sb_real half = (sb_real)0.5 * x[l], z = y[l];
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        x[l] = z * ((sb_real)1.5 - half * z * z);
+    }
+}
+
+/* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
+SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
+{
+    sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
+    SBI_EMBED_EACH_LANE(l)
+        sx[l] = sy[l] = sz[l] = 0;
+    for (int a = 0; a < count; a++) {
+        const sb_real *w = weight + a * stride;
+        SBI_EMBED_EACH_LANE(l) {
+            sx[l] += w[l] * x[a].x;
+            sy[l] += w[l] * x[a].y;
+            sz[l] += w[l] * x[a].z;
+        }
+    }
+    SBI_EMBED_EACH_LANE(l) {
+        out->x[l] = sx[l];
+        out->y[l] = sy[l];
+        out->z[l] = sz[l];
+    }
+}
+
+/* v / |v|, and 1 / |v|. */
+SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
+{
+    SBI_EMBED_EACH_LANE(l)
+        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    sbi_embed_rsqrt(inverse);
+    SBI_EMBED_EACH_LANE(l) {
+        v->x[l] *= inverse[l];
+        v->y[l] *= inverse[l];
+        v->z[l] *= inverse[l];
+    }
+}
+
+/* v += s w */
+SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
+{
+    SBI_EMBED_EACH_LANE(l) {
+        v->x[l] += s[l] * w->x[l];
+        v->y[l] += s[l] * w->y[l];
+        v->z[l] += s[l] * w->z[l];
+    }
+}
+
+/* What a task of an update reads and writes. */
+typedef struct sbi_embed_frame {
+    sb_embedding *embedding;
+    const sb_vec3 *x;
+    sb_vec3 *points, *normals;
+    const sb_vec3 *forces;
+    sb_vec3 *node_forces;
+} sbi_embed_frame;
+
+/* A group's cell in this frame. */
+typedef struct sbi_embed_cell {
+    sb_element_type type;
+    int count;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sb_vec3 normal[SB_MAX_FACE_NODES]; /* OFFSET */
+} sbi_embed_cell;
+
+SB_INLINE int sbi_embed_is_on_face(sb_embedding_hold hold)
+{
+    return hold == SB_EMBEDDED_OFFSET || hold == SB_EMBEDDED_FRAME;
+}
+
+SB_INLINE int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
+
+SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
+                                   sbi_embed_cell *cell);
+/* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
+SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
+                                  int slot, int slopes, sbi_embed_lanes *lanes);
+/* The frame of a face with tangents a and b: along a, across, normal. Zero vectors where it has none. */
+SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b);
+/* Tangents of the cell (d/dr, d/ds, and d/dt of elements). */
+SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3]);
+/* Smooth normals at frame->x. */
+SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs);
+
+#endif /* SBI_EMBED_PRIVATE_H */
+
+/* ==== src/softbody/geometry/embed_update.c ==== */
+/* embed_update: positions and normals of the points from those of the nodes, a group of points at a time. */
+
+/* ---- shape functions of SBI_EMBED_LANES points ---- */
 
 /* Simplices, formulas as in sb_element_shape. */
 static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const xi[3], int slopes,
@@ -45991,114 +47266,10 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
     }
 }
 
-/* ---- vectors of SBI_EMBED_LANES points ---- */
-
-typedef struct sbi_embed_vec3 {
-    sb_real x[SBI_EMBED_LANES], y[SBI_EMBED_LANES], z[SBI_EMBED_LANES];
-} sbi_embed_vec3;
-
-SB_INLINE sb_vec3 sbi_embed_lane(const sbi_embed_vec3 *v, int l) { return sb_v3(v->x[l], v->y[l], v->z[l]); }
-SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
-{
-    v->x[l] = value.x;
-    v->y[l] = value.y;
-    v->z[l] = value.z;
-}
-
-/* x -> 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
-SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
-{
-    sb_real y[SBI_EMBED_LANES];
-#if SB_REAL_IS_FLOAT
-    uint32_t bits[SBI_EMBED_LANES];
-    const uint32_t magic = 0x5f3759dfu;
-#else
-    uint64_t bits[SBI_EMBED_LANES];
-    const uint64_t magic = UINT64_C(0x5fe6eb50c7b537a9);
-#endif
-    memcpy(bits, x, sizeof bits);
-    SBI_EMBED_EACH_LANE(l)
-        bits[l] = magic - (bits[l] >> 1);
-    memcpy(y, bits, sizeof y);
-    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
-        sb_real half = (sb_real)0.5 * x[l], z = y[l];
-        z = z * ((sb_real)1.5 - half * z * z);
-        z = z * ((sb_real)1.5 - half * z * z);
-        z = z * ((sb_real)1.5 - half * z * z);
-        x[l] = z * ((sb_real)1.5 - half * z * z);
-    }
-}
-
-/* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
-SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
-{
-    sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
-    SBI_EMBED_EACH_LANE(l)
-        sx[l] = sy[l] = sz[l] = 0;
-    for (int a = 0; a < count; a++) {
-        const sb_real *w = weight + a * stride;
-        SBI_EMBED_EACH_LANE(l) {
-            sx[l] += w[l] * x[a].x;
-            sy[l] += w[l] * x[a].y;
-            sz[l] += w[l] * x[a].z;
-        }
-    }
-    SBI_EMBED_EACH_LANE(l) {
-        out->x[l] = sx[l];
-        out->y[l] = sy[l];
-        out->z[l] = sz[l];
-    }
-}
-
-/* v / |v|, and 1 / |v|. */
-SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
-{
-    SBI_EMBED_EACH_LANE(l)
-        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
-    sbi_embed_rsqrt(inverse);
-    SBI_EMBED_EACH_LANE(l) {
-        v->x[l] *= inverse[l];
-        v->y[l] *= inverse[l];
-        v->z[l] *= inverse[l];
-    }
-}
-
-/* v += s w */
-SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
-{
-    SBI_EMBED_EACH_LANE(l) {
-        v->x[l] += s[l] * w->x[l];
-        v->y[l] += s[l] * w->y[l];
-        v->z[l] += s[l] * w->z[l];
-    }
-}
-
 /* ---- evaluation of a group ---- */
 
-/* What a task of an update reads and writes. */
-typedef struct sbi_embed_frame {
-    sb_embedding *embedding;
-    const sb_vec3 *x;
-    sb_vec3 *points, *normals;
-    const sb_vec3 *forces;
-    sb_vec3 *node_forces;
-} sbi_embed_frame;
-
-/* A group's cell in this frame. */
-typedef struct sbi_embed_cell {
-    sb_element_type type;
-    int count;
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    sb_vec3 normal[SB_MAX_FACE_NODES]; /* OFFSET */
-} sbi_embed_cell;
-
-static int sbi_embed_is_on_face(sb_embedding_hold hold)
-{
-    return hold == SB_EMBEDDED_OFFSET || hold == SB_EMBEDDED_FRAME;
-}
-
-static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
-                                  sbi_embed_cell *cell)
+SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
+                                   sbi_embed_cell *cell)
 {
     const int *nodes = e->nodes + group->node_first, *ids = e->normal_of + group->node_first;
     cell->type = sbi_embed_is_on_face(group->hold) ? e->face.type : e->type;
@@ -46110,9 +47281,8 @@ static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *
     }
 }
 
-/* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
-static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
-                                 int slot, int slopes, sbi_embed_lanes *lanes)
+SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
+                                  int slot, int slopes, sbi_embed_lanes *lanes)
 {
     const sb_real *xi[3];
     for (int k = 0; k < 3; k++)
@@ -46126,15 +47296,13 @@ static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, 
                 lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
-/* The frame of a face with tangents a and b: along a, across, normal. Zero vectors where it has none. */
-static sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
+SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
 {
     sb_vec3 along = sbi_embed_unit(a), normal = sbi_embed_unit(sb_v3_cross(a, b));
     return sb_m3_columns(along, sb_v3_cross(normal, along), normal);
 }
 
-/* Tangents of the cell (d/dr, d/ds, and d/dt of elements). */
-static void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3])
+SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3])
 {
     for (int k = 0; k < 3; k++)
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &tangent[k]);
@@ -46292,10 +47460,7 @@ static void sbi_embed_task_rings(void *user, int task)
     }
 }
 
-static int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
-
-/* Smooth normals at frame->x. */
-static void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
+SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 {
     const sb_embedding *e = frame->embedding;
     sbi_run(jobs, sbi_embed_task_faces, frame, sbi_embed_tasks(e->face_count, SBI_EMBED_TASK_FACES));
@@ -46320,6 +47485,9 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/embed_forces.c ==== */
+/* embed_forces: the transpose of an update: forces on points brought to the nodes. */
 
 /* ---- the transpose ---- */
 
@@ -46526,6 +47694,11 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/embed.c ==== */
+/* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
+
+#define SBI_EMBED_COOKIE 0x73626d31u
 
 /* ---- creation: where each point is ---- */
 
