@@ -266,7 +266,7 @@ dev: build/split/tests
 	build/split/tests $(FILTER)
 
 lint: $(LINT_OK) build/split/tests
-	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "tests/order.sh build/split" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
 
 # ---- all that CI runs ------------------------------------------------------------------------------------------
 
