@@ -48,13 +48,15 @@ SBI_API sb_result sbi_guests_check(const sbi_guests *guests, int rows, int *mark
     return result;
 }
 
-SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, int rows, sbi_arena *arena)
+SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, const sb_matrix *matrix,
+                                    sbi_arena *arena)
 {
+    size_t rows = (size_t)matrix->row_count, taken = 0;
     sbi_guest_work *list = (sbi_guest_work *)sbi_arena_take(arena, (size_t)guests->count, sizeof *list);
     space->count = guests->count;
     space->work = list;
-    space->rest = (sb_real *)sbi_arena_take(arena, 3 * (size_t)rows, sizeof(sb_real));
-    space->spare = (sb_real *)sbi_arena_take(arena, 3 * (size_t)rows, sizeof(sb_real));
+    space->rest = (sb_real *)sbi_arena_take(arena, 3 * rows, sizeof(sb_real));
+    space->spare = (sb_real *)sbi_arena_take(arena, 3 * rows, sizeof(sb_real));
     for (int g = 0; g < guests->count; g++) {
         sbi_guest_work work;
         size_t unknowns = (size_t)guests->list[g]->unknown_count;
@@ -71,7 +73,11 @@ SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *gu
         work.out = (double *)sbi_arena_take(arena, work.width, sizeof(double));
         if (arena->base)
             list[g] = work;
+        taken += (size_t)work.guest->taken_count;
     }
+    space->kept_room = sbi_guests_taken_blocks(guests, matrix);
+    space->kept = (sb_real(*)[9])sbi_arena_take(arena, space->kept_room, sizeof *space->kept);
+    space->kept_fixed = (unsigned char *)sbi_arena_take(arena, taken, 1);
 }
 
 /* ---- compact vectors ----------------------------------------------------------------------------------- */
@@ -226,7 +232,7 @@ static void sbi_guest_subtract_columns(const sbi_guest_space *space, const sbi_g
     for (int k = 0; k < work->guest->taken_count; k++, v += 3) {
         int node = work->guest->nodes[k];
         sb_real x = (sb_real)v[0], y0 = (sb_real)v[1], z = (sb_real)v[2];
-        for (int e = a->row_start[node]; e < a->row_start[node + 1]; e++) {
+        for (int e = a->row_start[node]; e < a->row_end[node]; e++) {
             const sb_real *block = a->blocks[e];
             sb_real *to = y + 3 * (size_t)a->columns[e];
             for (int c = 0; c < 3; c++)
@@ -235,8 +241,9 @@ static void sbi_guest_subtract_columns(const sbi_guest_space *space, const sbi_g
     }
 }
 
-/* v = block on taken nodes, 0 on the other nodes of guests; y -= (A + G) (v, block), unknowns' rows in out. */
-static void sbi_guest_subtract_block(sbi_guest_space *space, sb_real *v, sb_real *y)
+/* v = block on taken nodes, 0 on the other nodes of guests; y -= (A + G) (v, block), unknowns' rows in out. Or (others)
+ * only rows of nodes that are not taken. */
+static void sbi_guest_subtract_block(sbi_guest_space *space, sb_real *v, sb_real *y, int others)
 {
     for (int g = 0; g < space->count; g++)
         for (int k = 0; k < space->work[g].guest->node_count; k++)
@@ -252,7 +259,7 @@ static void sbi_guest_subtract_block(sbi_guest_space *space, sb_real *v, sb_real
     }
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
-        if (work->done)
+        if (work->done || (others && work->guest->node_count == work->guest->taken_count))
             continue;
         sbi_guest_gather(space, work, work->block, v, NULL);
         work->guest->multiply(work->guest->user, work->in, work->out);
@@ -262,7 +269,7 @@ static void sbi_guest_subtract_block(sbi_guest_space *space, sb_real *v, sb_real
 
 SBI_API void sbi_guest_guess(sbi_guest_space *space, sb_real *x, sb_real *r, sb_real *v)
 {
-    sbi_guest_subtract_block(space, v, r);
+    sbi_guest_subtract_block(space, v, r, 0);
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
@@ -339,34 +346,22 @@ static void sbi_guest_apply(sbi_guest_space *space, sb_preconditioner *precondit
             z[k] = r[k] / (sb_real)space->scale;
 }
 
-#include <stdlib.h>
-SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                    double size)
+/* y = 0 on taken nodes. */
+static void sbi_guest_clear_taken(const sbi_guest_space *space, sb_real *y)
 {
-    size_t bytes = 3 * (size_t)space->matrix->row_count * sizeof(sb_real);
-    int jacobi = getenv("JACOBI") != NULL;
-    if (jacobi) {
-        sbi_guest_apply(space, preconditioner, r, z, size);
-        for (int g = 0; g < space->count; g++) {
-            sbi_guest_work *work = space->work + g;
-            memcpy(work->correction, work->block, work->size * sizeof(double));
-            sbi_guest_put(work, work->correction, z);
-        }
-        return;
-    }
-    memcpy(space->rest, r, bytes);
-    sbi_guest_subtract_block(space, z, space->rest);
     for (int g = 0; g < space->count; g++)
         for (int k = 0; k < space->work[g].guest->taken_count; k++)
-            memset(space->rest + 3 * (size_t)space->work[g].guest->nodes[k], 0, 3 * sizeof(sb_real));
-    sbi_guest_apply(space, preconditioner, space->rest, z, size);
-    for (int g = 0; g < space->count; g++)
-        for (int k = 0; k < space->work[g].guest->taken_count; k++)
-            memset(z + 3 * (size_t)space->work[g].guest->nodes[k], 0, 3 * sizeof(sb_real));
+            memset(y + 3 * (size_t)space->work[g].guest->nodes[k], 0, 3 * sizeof(sb_real));
+}
+
+/* The guests' rows of (A + G) z, z being 0 on taken nodes: of unknowns in out, of taken nodes in y, whose other rows are
+ * scratch. */
+static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb_real *y)
+{
     for (int g = 0; g < space->count; g++)
         for (int k = 0; k < space->work[g].guest->taken_count; k++) {
             int node = space->work[g].guest->nodes[k];
-            sbi_matrix_multiply_rows(space->matrix, z, space->rest, node, node + 1);
+            sbi_matrix_multiply_rows(space->matrix, z, y, node, node + 1);
         }
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
@@ -374,8 +369,25 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
             continue;
         sbi_guest_gather(space, work, NULL, z, NULL);
         work->guest->multiply(work->guest->user, work->in, work->out);
-        sbi_guest_scatter(space, work, 1, space->rest);
+        sbi_guest_scatter(space, work, 1, y);
     }
+}
+
+/* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
+ *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
+ * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays in
+ * what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with a
+ * coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on nodes
+ * of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                    double size)
+{
+    memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
+    sbi_guest_subtract_block(space, z, space->rest, 1);
+    sbi_guest_clear_taken(space, space->rest);
+    sbi_guest_apply(space, preconditioner, space->rest, z, size);
+    sbi_guest_clear_taken(space, z);
+    sbi_guest_multiply_rows(space, z, space->rest);
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         if (work->done || work->size == 0)
@@ -385,8 +397,58 @@ SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *p
         sbi_guest_solve_block(space, work, work->in, work->out);
         for (size_t k = 0; k < work->size; k++)
             work->correction[k] = work->block[k] - work->out[k];
+        sbi_guest_put(work, work->correction, z);
     }
+}
+
+/* ---- taken nodes out of the preconditioner --------------------------------------------------------------- */
+
+SBI_API size_t sbi_guests_taken_blocks(const sbi_guests *guests, const sb_matrix *matrix)
+{
+    size_t blocks = 0;
+    for (int g = 0; g < guests->count; g++)
+        for (int k = 0; k < guests->list[g]->taken_count; k++) {
+            int node = guests->list[g]->nodes[k];
+            if (node >= 0 && node < matrix->row_count)
+                blocks += 2 * (size_t)(matrix->row_end[node] - matrix->row_start[node]);
+        }
+    return blocks;
+}
+
+SBI_API void sbi_guest_remove_taken(sbi_guest_space *space, sb_matrix *matrix)
+{
+    const sb_real scale = sbi_matrix_diagonal_scale(matrix, matrix->fixed, NULL);
+    size_t at = 0, nodes = 0;
     for (int g = 0; g < space->count; g++)
-        if (!space->work[g].done)
-            sbi_guest_put(space->work + g, space->work[g].correction, z);
+        for (int k = 0; k < space->work[g].guest->taken_count; k++) {
+            int node = space->work[g].guest->nodes[k];
+            space->kept_fixed[nodes++] = matrix->fixed[node];
+            matrix->fixed[node] = SB_XYZ;
+            for (int q = matrix->row_start[node]; q < matrix->row_end[node]; q++) {
+                memcpy(space->kept[at++], matrix->blocks[q], sizeof *matrix->blocks);
+                memcpy(space->kept[at++], matrix->blocks[matrix->transpose[q]], sizeof *matrix->blocks);
+                memset(matrix->blocks[matrix->transpose[q]], 0, sizeof *matrix->blocks);
+                memset(matrix->blocks[q], 0, sizeof *matrix->blocks);
+            }
+            for (int axis = 0; axis < 3; axis++)
+                matrix->blocks[matrix->diagonal[node]][4 * axis] = scale;
+        }
+    space->kept_count = at;
+}
+
+/* From the last to the first: blocks between two taken nodes were kept twice. */
+SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix)
+{
+    size_t at = space->kept_count, nodes = 0;
+    for (int g = 0; g < space->count; g++)
+        nodes += (size_t)space->work[g].guest->taken_count;
+    for (int g = space->count; g-- > 0;)
+        for (int k = space->work[g].guest->taken_count; k-- > 0;) {
+            int node = space->work[g].guest->nodes[k];
+            matrix->fixed[node] = space->kept_fixed[--nodes];
+            for (int q = matrix->row_end[node]; q-- > matrix->row_start[node];) {
+                memcpy(matrix->blocks[matrix->transpose[q]], space->kept[--at], sizeof *matrix->blocks);
+                memcpy(matrix->blocks[q], space->kept[--at], sizeof *matrix->blocks);
+            }
+        }
 }

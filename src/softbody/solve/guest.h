@@ -92,6 +92,10 @@ typedef struct sbi_guest_space {
     double scale;         /* mean diagonal of the matrix (N/m) */
     const sb_matrix *matrix;
     sb_real *rest, *spare; /* [row_count][3] */
+    /* blocks of taken nodes while the preconditioner is made without them, and their masks */
+    sb_real (*kept)[9];
+    size_t kept_room, kept_count;
+    unsigned char *kept_fixed;
 } sbi_guest_space;
 
 /* 1: the counts can be those of guests of so many rows. */
@@ -100,7 +104,13 @@ SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows);
  * for scratch. */
 SBI_API sb_result sbi_guests_check(const sbi_guests *guests, int rows, int *marks, sb_error *error);
 /* Hands out the arrays of a space; see sbi_arena. */
-SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, int rows, sbi_arena *arena);
+SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, const sb_matrix *matrix,
+                                    sbi_arena *arena);
+/* Blocks that sbi_guest_remove_taken keeps. */
+SBI_API size_t sbi_guests_taken_blocks(const sbi_guests *guests, const sb_matrix *matrix);
+/* Taken nodes become prescribed, to 0, and the matrix what it was, to the bit. */
+SBI_API void sbi_guest_remove_taken(sbi_guest_space *space, sb_matrix *matrix);
+SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);

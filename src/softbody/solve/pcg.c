@@ -910,9 +910,10 @@ typedef struct sbi_pcg_guest_space {
     int *part_of;        /* [row_count] */
 } sbi_pcg_guest_space;
 
-static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, int rows, sbi_arena *arena,
+static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
                                                    sbi_pcg_guest_space *fresh)
 {
+    int rows = matrix->row_count;
     size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
     sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
     g = arena->base ? g : fresh;
@@ -920,20 +921,21 @@ static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, int
     g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
     g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
     g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
-    sbi_guest_space_layout(&g->space, guests, rows, arena);
+    sbi_guest_space_layout(&g->space, guests, matrix, arena);
     return g;
 }
 
-SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sbi_guests *guests, sb_error *error)
+SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
+                                         sb_error *error)
 {
     int rows = workspace->row_count;
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
     sb_result result;
-    if (!sbi_guests_have_sizes(guests, rows))
+    if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
-    sbi_pcg_lay_out_guests(guests, rows, &arena, &measured);
+    sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
     if (arena.overflow || arena.used > workspace->guest_bytes)
         memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
     if (!memory)
@@ -952,7 +954,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sbi_
     }
     arena.base = memory;
     arena.used = 0;
-    sbi_pcg_lay_out_guests(guests, rows, &arena, NULL);
+    sbi_pcg_lay_out_guests(guests, matrix, &arena, NULL);
     return SB_OK;
 }
 
@@ -970,6 +972,22 @@ static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests 
             return 0;
     }
     return 1;
+}
+
+SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditioner, sb_matrix *matrix,
+                                                const sb_vec3 *positions, const sbi_guests *guests,
+                                                sb_pcg_workspace *workspace, sb_error *error)
+{
+    sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)workspace->guests;
+    sb_result result;
+    if (guests->count == 0)
+        return sb_preconditioner_update(preconditioner, matrix, positions, error);
+    if (!sbi_pcg_has_room(workspace, guests) || sbi_guests_taken_blocks(guests, matrix) > g->space.kept_room)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no space was reserved for the guests of a solve");
+    sbi_guest_remove_taken(&g->space, matrix);
+    result = sb_preconditioner_update(preconditioner, matrix, positions, error);
+    sbi_guest_restore_taken(&g->space, matrix);
+    return result;
 }
 
 /* Joins the parts with the heads a and b; the first of them is then the head of both. */
@@ -1062,7 +1080,7 @@ static int sbi_pcg_begin_guests(sbi_pcg_state *s)
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
         double least = rounding * rounding * part->before;
         if (part->rhs_square != 0)
-            part->rhs_square = part->square > least ? part->square : least;
+            part->rhs_square = part->square < least ? least : part->square; /* also a NaN */
     }
     return idle;
 }
@@ -1121,9 +1139,10 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     report.residual_is_true = 1;
     state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
     state.current = 1;
-    state.compact = NULL;
     g = (sbi_pcg_guest_space *)workspace->guests;
     state.guests = &g->space;
+    if (g->space.kept_room > 0)
+        state.compact = NULL;
     g->space.matrix = matrix;
     g->space.scale = (double)sbi_matrix_diagonal_scale(matrix, matrix->fixed, options->jobs);
     for (int k = 0; k < g->space.count; k++)
