@@ -112,6 +112,8 @@
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
+ *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
  *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
@@ -275,6 +277,36 @@
  *     sb_mesh_free(&drawn);
  *     ```
  *
+ * From a segmented scan to tets whose regions are its labels (1 liver, 2 tumour, say):
+ *
+ *     ```c fragment
+ *     sb_load_options options = sb_default_load_options();
+ *     sb_label_def labels = sb_default_label_def();
+ *     sb_image scan = {0};
+ *     sb_mesh outside = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_error error;
+ *     options.scale = (sb_real)0.001;                     // the file is in millimetres
+ *     labels.image = &scan;                               // all labels but 0
+ *     if (sb_image_load(&scan, "scan.nrrd", &options, &error) != SB_OK ||
+ *         sb_image_surface(&labels, &outside, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&outside, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.01;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK || sb_image_set_regions(&scan, &tets, &error) != SB_OK)
+ *         return 1;
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&outside);
+ *     sb_image_free(&scan);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -302,6 +334,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
- * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
+ * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
