@@ -3,7 +3,7 @@
 #define SB_STATIC
 #define SB_ELEMENT SB_TET4
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#include "../softbody.h"
 
 #include "check.h"
 #include "live_mesh.h"
