@@ -104,7 +104,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
@@ -579,6 +579,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -602,6 +605,7 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32
@@ -5194,18 +5198,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -5329,7 +5341,10 @@ SB_API const char *sb_check_string(unsigned warning);
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
@@ -42429,7 +42444,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -42456,6 +42471,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -42660,7 +42678,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;
@@ -43587,7 +43608,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -43598,14 +43619,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -43646,62 +43688,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -43715,6 +43785,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
@@ -44850,20 +44937,19 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -44871,6 +44957,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -45263,7 +45354,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -45305,7 +45396,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
@@ -53690,7 +53781,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -53969,7 +54061,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)
