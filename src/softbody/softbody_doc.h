@@ -28,6 +28,10 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
+ *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
+ *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
