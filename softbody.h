@@ -33,6 +33,10 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
+ *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
+ *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -104,7 +108,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
@@ -113,6 +117,8 @@
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
+ *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
  *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
@@ -276,6 +282,36 @@
  *     sb_mesh_free(&drawn);
  *     ```
  *
+ * From a segmented scan to tets whose regions are its labels (1 liver, 2 tumour, say):
+ *
+ *     ```c fragment
+ *     sb_load_options options = sb_default_load_options();
+ *     sb_label_def labels = sb_default_label_def();
+ *     sb_image scan = {0};
+ *     sb_mesh outside = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_error error;
+ *     options.scale = (sb_real)0.001;                     // the file is in millimetres
+ *     labels.image = &scan;                               // all labels but 0
+ *     if (sb_image_load(&scan, "scan.nrrd", &options, &error) != SB_OK ||
+ *         sb_image_surface(&labels, &outside, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&outside, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.01;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK || sb_image_set_regions(&scan, &tets, &error) != SB_OK)
+ *         return 1;
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&outside);
+ *     sb_image_free(&scan);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -303,8 +339,8 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
- * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
+ * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -547,6 +583,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -570,6 +609,7 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32
@@ -2747,6 +2787,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 #endif /* SB_MESHGEN_H */
 
 /* ==== src/softbody/mesh/meshio.h ==== */
+#if !defined(SB_NO_FILES)
 /* meshio: reads and writes mesh files. Floor 1: calls core, dense, element and mesh.
  *
  *     file ---> bounded reader ---> cells of any kind ---> one element type ---> checked sb_mesh
@@ -2928,8 +2969,10 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
 SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_MESHIO_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image.h ==== */
+#if !defined(SB_NO_FILES)
 /* image: label images, as segmentations come. Floor 1: calls base and the readers of meshio.
  *
  *     sb_image image;
@@ -2994,8 +3037,10 @@ SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point);
 
 
 #endif /* SB_IMAGE_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/labels.h ==== */
+#if !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY)
 /* labels: from a label image to what is simulated: a closed surface round labels, and regions of a mesh. Floor 2.
  *
  *     sb_label_def def = sb_default_label_def();
@@ -3060,8 +3105,10 @@ SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_lab
 SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_LABELS_H */
+#endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
  * repairs. Floor 2.
  *
@@ -3303,8 +3350,10 @@ typedef struct sb_shape {
 
 
 #endif /* SB_SURFACE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
  * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
  * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
@@ -3385,6 +3434,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 
 
 #endif /* SB_STUFFING_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.h ==== */
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 2.
@@ -4907,6 +4957,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 #endif /* SB_PCG_H */
 
 /* ==== src/softbody/geometry/grid.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid: regular hexahedral grids round bodies whose surface cuts the cells (immersed boundary). Floor 2. */
 #ifndef SB_GRID_H
 #define SB_GRID_H
@@ -5040,6 +5091,7 @@ SB_API void sb_grid_rows_free(sb_grid_rows *rows); /* NULL and {0} are fine */
 SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces);
 
 #endif /* SB_GRID_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/body.h ==== */
 /* body: a mesh with material, supports, loads and state. Floor 3. */
@@ -5163,18 +5215,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -5298,7 +5358,10 @@ SB_API const char *sb_check_string(unsigned warning);
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
@@ -5364,6 +5427,7 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 #endif /* SB_LOAD_H */
 
 /* ==== src/softbody/geometry/embed.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed: points and surfaces carried along by a volume mesh, and forces on them brought back. Floor 2.
  *
  * How a point is held. Inside the mesh it is (element, xi) and moves as x(xi) = sum_a N_a(xi) x_a. A drawn surface is
@@ -5476,6 +5540,7 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
 SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are fine */
 
 #endif /* SB_EMBED_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/constraint.h ==== */
 /* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
@@ -6058,6 +6123,7 @@ typedef struct sbi_mesh_change {
 } sbi_mesh_change;
 
 /* ==== src/softbody/mesh/image.h, internal ==== */
+#if !defined(SB_NO_FILES)
 /* Position of the point with the coordinates i, j, k, and the way back. */
 typedef struct sbi_image_frame {
     sb_mat3 axes, inverse; /* columns of axes: from a voxel to the next */
@@ -6066,8 +6132,10 @@ typedef struct sbi_image_frame {
 SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image);
 /* Label at the point, 0 outside. */
 SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point);
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
@@ -6080,8 +6148,10 @@ typedef struct sbi_surface_cut {
 SBI_API sb_result sbi_surface_cut_make(const sb_mesh *mesh, const sb_allocator *allocator, sbi_surface_cut *cut,
                                        sb_error *error);
 SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut *cut);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
  * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
@@ -6089,12 +6159,15 @@ SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *
 /* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
  * winding numbers tell. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* Fills in the shares that a tet4 mesh (empty: none) keeps of the shapes; SB_ERROR_MESH where one is below
  * least_share. */
 SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_mesh *mesh, sb_stuff_report *report,
                                               sb_error *error);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.h, internal ==== */
 /* ==== internal: shares of a material =====================================================================
@@ -10674,6 +10747,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 }
 
 /* ==== src/softbody/mesh/meshio_reader.h ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_reader: what all mesh formats share, internal. A bounded reader that counts lines, exact number
  * parsing, and the loader that gathers nodes and cells of any kind. Part of the room meshio. */
 #ifndef SB_MESHIO_READER_H
@@ -11072,8 +11146,10 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base);
 SBI_API int sbi_stl_is_binary(const char *data, size_t size);
 
 #endif /* SB_MESHIO_READER_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_number.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_number: words compared, integers and reals from text, exact to the last bit whatever the C library. */
 
 #include <float.h>
@@ -11388,8 +11464,10 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
     *value = decimal.negative ? -magnitude : magnitude;
     return 1;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_reader.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_reader: the bounded reader that all mesh formats share, and a stable sort. */
 
 #include <limits.h>
@@ -11686,8 +11764,10 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
     if (from != order)
         memcpy(order, from, (size_t)count * sizeof order[0]);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_loader.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_loader: kinds of cells and the loader that collects the nodes, cells and names of a file. */
 
 #include <limits.h>
@@ -12217,8 +12297,10 @@ SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const
     snprintf(message, sizeof message, "%s%s%s", first, format, second);
     return sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED, "%s", message);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio: loading (file, format, checks, report) and the writers. */
 
 #include <float.h>
@@ -13126,8 +13208,10 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
     return sbi_export_close(&out, error);
 }
 #undef SBI_EXPORT_REAL_NAME
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_vtk.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_vtk: reads legacy VTK files, versions 2.0 to 5.1, ASCII and binary (which is always big-endian).
  * Source of the format: "VTK File Formats", The VTK User's Guide. Since 5.0 cells are lists of offsets and
  * of node indices; before, each cell's indices follow their count. */
@@ -13916,8 +14000,10 @@ SBI_API sb_result sbi_vtk_read(sbi_loader *loader)
     sbi_vtk_free_list(&vtk);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_split.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_split: volume cells of several kinds, or of kinds that are no elements of ours, cut into tets.
  *
  *        3-----2          A cell is cut by pulling its corner v of the lowest number: the faces without v are cut into
@@ -14363,8 +14449,10 @@ SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
     sbi_free(&loader->allocator, split.diagonals);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_build.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_build: from the cells of a file to a mesh of one element type. */
 
 #include <limits.h>
@@ -14523,8 +14611,10 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     loader->node_count = loader->node_capacity = 0;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_sets.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_sets: the groups of a file's cells as sets of elements, faces and nodes of the mesh. */
 
 #include <limits.h>
@@ -14850,8 +14940,10 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
     sbi_free(&loader->allocator, maker.stamp);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_gmsh.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_gmsh: reads gmsh meshes, versions 1, 2.x, 3, 4.0 and 4.1, ASCII and binary of either byte order.
  * Source of the format: Gmsh Reference Manual, "MSH file format" and "Legacy formats"; version 3, which the manual does
  * not have, as gmsh 4.8 writes it.
@@ -15719,8 +15811,10 @@ SBI_API sb_result sbi_gmsh_read(sbi_loader *loader)
     sbi_free(&loader->allocator, gmsh.numbers);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_medit.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_medit: reads Medit's meshes (INRIA, also called GMF), .mesh in text and .meshb in binary of either byte order.
  * Source of the format: P. Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, and the numbers of
  * keywords of libMeshb 7. A file is a row of sections: keyword, count, that many rows of numbers, each with a reference
@@ -16021,8 +16115,10 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
         sbi_loader_ignore(loader, references);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_inflate.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
  * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
@@ -16413,8 +16509,10 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     *out_size = out_end;
     return NULL;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_xml.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_xml: the tags of an XML file, as far as mesh files need them. Source: "Extensible Markup Language (XML) 1.0",
  * without entities, document type definitions and CDATA sections. */
 
@@ -16597,8 +16695,10 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
         }
     return 0;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_vtu.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_vtu: reads VTK's XML files of unstructured grids (.vtu) and polygons (.vtp), serial, of any version: ASCII,
  * base64 inline, appended raw and base64, 32- and 64-bit headers, both byte orders, plain or packed by zlib.
  * Source of the format: "VTK File Formats" (docs.vtk.org), and what VTK and meshio write.
@@ -17467,8 +17567,10 @@ SBI_API sb_result sbi_vtu_read(sbi_loader *loader)
                                vtu.has_grid ? "</Piece>" : "a data set");
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_tetgen.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_tetgen: reads TetGen's .node and .ele files. Source of the format: TetGen manual, "File formats". */
 
 #include <limits.h>
@@ -17643,8 +17745,10 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base)
     reader->element = -1;
     return result ? result : sbi_tetgen_end_file(reader);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_surface.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_surface: reads OBJ, STL, PLY and OFF. Sources of the formats: Wavefront "Object Files (.obj)"; 3D
  * Systems "StereoLithography Interface Specification"; G. Turk, "The PLY Polygon File Format"; Geomview
  * manual, "OFF". */
@@ -18401,8 +18505,10 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
                                sbi_word_print(word, text));
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image.c ==== */
+#if !defined(SB_NO_FILES)
 /* image: label images, their files as a whole, and how points find their voxels. */
 
 #include <limits.h>
@@ -18880,8 +18986,10 @@ SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point)
     return sbi_image_lookup(image, &frame, point);
 }
 #undef SBI_IMAGE_LEAST_VOLUME
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image_files.c ==== */
+#if !defined(SB_NO_FILES)
 /* image_files: the headers of MetaImage and NRRD. Sources: "MetaIO" (itk.org/Wiki/MetaIO/Documentation), "Definition of
  * NRRD File Format" (teem.sourceforge.net/nrrd/format.html). */
 
@@ -19273,8 +19381,10 @@ SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in its header");
     return result ? result : sbi_nrrd_finish(&nrrd, reader);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/labels.c ==== */
+#if !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY)
 /* labels: the surface round labels of an image, and the labels of a mesh's elements. */
 
 #include <limits.h>
@@ -19877,8 +19987,10 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
         mesh->regions[e] = sbi_label_of_element(image, &frame, mesh, e);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
 #ifndef SBI_SURFACE_TREE_H
 #define SBI_SURFACE_TREE_H
@@ -20269,8 +20381,10 @@ SBI_API void sbi_surface_miss(sb_surface_hit *hit);
 SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit);
 
 #endif /* SBI_SURFACE_TREE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
  * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
@@ -21234,8 +21348,10 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
     if (high)
         *high = surface ? surface->high : sb_v3(0, 0, 0);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_winding.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_winding: winding numbers of points, exact and by clusters. */
 
 /* ---- winding number ------------------------------------------------------------------------------------------ */
@@ -21360,8 +21476,10 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
 {
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_query.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_query: closest points, signed distances; batches of all queries. */
 
 /* ---- the closest point of a triangle ------------------------------------------------------------------------- */
@@ -21994,8 +22112,10 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
     if (inside)
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_ray.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_ray: triangles that a ray meets. */
 
 /* ---- rays ---------------------------------------------------------------------------------------------------- */
@@ -22239,8 +22359,10 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     sbi_surface_beam_run(surface, &beam);
     return beam.count;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_crossing.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
  *
  * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
@@ -22836,8 +22958,10 @@ SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator 
     sbi_free(allocator, mark);
     return list && mark;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_check.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
@@ -23573,8 +23697,10 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
         *report = done;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_private: the state of a stuffing that its stages hand on. */
 #ifndef SBI_STUFFING_PRIVATE_H
 #define SBI_STUFFING_PRIVATE_H
@@ -23781,8 +23907,10 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
 SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
 
 #endif /* SBI_STUFFING_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_lattice.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_lattice: the lattice of points, sets of them, distances to the shapes, tasks over them. */
 
 /* ---- shapes ---- */
@@ -23943,8 +24071,10 @@ SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
         }
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_label.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_label: 1. the shape that each point of the lattice lies in. */
 
 /* ---- 1. labels ---- */
@@ -24091,8 +24221,10 @@ SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
     }
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_octree.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_octree: 2. cells merge away from changes of label; the tets between their centres and edges. */
 
 /* ---- 2. octree and tets ---- */
@@ -24423,8 +24555,10 @@ SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
     sbi_stuffing_place_points(s);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_warp.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_warp: 3. and 4. cuts of edges between labels, points moved onto them, a manifold boundary. */
 
 /* ---- 3. cuts ---- */
@@ -24919,8 +25053,10 @@ SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s)
             changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
     }
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_cut.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_cut: 5. stencils: what is still cut falls into tets of one label each; the mesh of all. */
 
 /* ---- 5. stencils ---- */
@@ -25224,8 +25360,10 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
     sbi_free(&s->def->allocator, map);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_boundary.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_boundary: 6. nodes slide along the surface, and edges are split, until the boundary is near enough. */
 
 /* ---- 6. the boundary ----
@@ -25604,8 +25742,10 @@ SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, con
     report->volume = sb_mesh_volume(mesh);
     sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_share.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_share: how much of each shape a mesh keeps, and which cell would keep what is missing. */
 
 #include <stdio.h>
@@ -25956,8 +26096,10 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
     sbi_free(&def->allocator, share.samples);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing: isosurface stuffing with several shapes and graded cells.
  *
  * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
@@ -26232,6 +26374,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         *report = found;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
@@ -38339,6 +38482,7 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 }
 
 /* ==== src/softbody/geometry/grid_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_private: what the makers of a grid work on. */
 #ifndef SBI_GRID_PRIVATE_H
 #define SBI_GRID_PRIVATE_H
@@ -38471,8 +38615,10 @@ enum {
 enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
 
 #endif /* SBI_GRID_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_cell.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_cell: distances, and the octree in a cell that a surface cuts: what each region has of it. */
 
 /* ---- distances ---- */
@@ -38726,8 +38872,10 @@ SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *c
                             candidate->inside);
     sbi_grid_descend(walk, &box, 0, -1);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_cut.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_cut: which cells are inside, which are cut, and which are kept. */
 
 /* ---- running tasks ---- */
@@ -38937,8 +39085,10 @@ SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *bo
         return sbi_fail(error, SB_ERROR_MESH, "no cell of the grid has anything of the body inside");
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_fill.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_fill: the meshes of the cells that are kept, and their points, weights and masses. */
 
 /* ---- meshes ---- */
@@ -39196,8 +39346,10 @@ SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *er
         sbi_grid_sum_volumes(work);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid: a grid of bricks around a shape: its definition checked, laid out, made. */
 
 #define SBI_GRID_COOKIE 0x6e1du
@@ -39423,8 +39575,10 @@ SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error 
         sb_grid_free(&made);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_map.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_map: points and surfaces in a grid as weights of its nodes. */
 
 /* ---- points of the body in the grid ---- */
@@ -39721,6 +39875,7 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
             *force = sb_v3_madd(*force, rows->areas[j] * mapping->weights[k], tractions[uniform ? 0 : j]);
         }
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/assembly.h ==== */
 /* assembly: loops over integration points (energy, internal force, tangent). Floor 2, internal.
@@ -43109,7 +43264,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -43136,6 +43291,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -43340,7 +43498,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;
@@ -44267,7 +44428,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -44278,14 +44439,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -44326,62 +44508,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -44395,6 +44605,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
@@ -45530,20 +45757,19 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -45551,6 +45777,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -45943,7 +46174,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -45985,7 +46216,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
@@ -46522,6 +46753,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
 }
 
 /* ==== src/softbody/geometry/embed_search.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_search: where a point lies in a volume mesh: the closest element, and the way to it along smooth normals.
  * Internal to embed, floor 2. */
 #ifndef SB_EMBED_SEARCH_H
@@ -46625,8 +46857,10 @@ SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face);
 SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to);
 
 #endif /* SB_EMBED_SEARCH_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_volume.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_volume: what queries of a volume mesh read: smooth normals, Morton order, a tree of boxes. */
 
 #include <string.h>
@@ -46960,8 +47194,10 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
         sbi_embed_volume_free(volume);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_search.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_search: the closest point of an element, curved ones too, and the closest element. */
 
 #include <string.h>
@@ -47455,8 +47691,10 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     }
     *hit = query.best;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_foot.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_foot: feet of points outside: x(r, s) + d n(r, s) of a boundary face and its smooth normal. */
 
 #include <string.h>
@@ -47683,8 +47921,10 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     }
     return element;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_private: an embedding, and what its update and its transpose share. */
 #ifndef SBI_EMBED_PRIVATE_H
 #define SBI_EMBED_PRIVATE_H
@@ -47885,8 +48125,10 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs);
 
 #endif /* SBI_EMBED_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_update.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_update: positions and normals of the points from those of the nodes, a group of points at a time. */
 
 /* ---- shape functions of SBI_EMBED_LANES points ---- */
@@ -48197,8 +48439,10 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_forces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_forces: the transpose of an update: forces on points brought to the nodes. */
 
 /* ---- the transpose ---- */
@@ -48406,8 +48650,10 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
 
 #define SBI_EMBED_COOKIE 0x73626d31u
@@ -49178,6 +49424,7 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows)
     sbi_free(&allocator, rows->weights);
     memset(rows, 0, sizeof *rows);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/constraint.c ==== */
 /* constraint: equations of a body, ties, forces, and what steps ask of them. */
@@ -50600,25 +50847,47 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     return SB_OK;
 }
 
-/* ==== src/softbody/body/step.c ==== */
-/* step: one Newton driver for time steps and static solves.
+/* ==== src/softbody/body/step_parts.h ==== */
+/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
  *
- * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
- * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
- * A du = -r. */
+ *     sbi_step step;
+ *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     do {
+ *         while (result == SB_OK && !step.done) {
+ *             result = sbi_step_solve(&step, guests, guest_count);
+ *             if (result == SB_OK)
+ *                 result = sbi_step_advance(&step);
+ *         }
+ *         if (result == SB_OK)
+ *             result = sbi_step_commit(&step);
+ *     } while (sbi_step_begin_again(&step, &result));
+ *     return result == SB_OK ? result : sbi_step_undo(&step, result);
+ *
+ * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
+ * change the body. */
+#ifndef SB_STEP_PARTS_H
+#define SB_STEP_PARTS_H
 
-#include <string.h>
 
+struct sbi_guest;
 
-typedef struct sbi_newton {
+/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
+typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    int dynamic;
+    sb_step_info own_info;    /* where the caller wants none */
+    double begun;             /* on the body's clock (s) */
+    int dynamic;              /* 1: a time step; 0: a static solve */
+    int done;                 /* 1: nothing is left to be solved */
+    int iteration;            /* of Newton, from 0 */
+    sb_tangent_kind kind;     /* of the tangent in A */
+
+    /* what is solved */
+    sb_real dt;               /* s */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
-    sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
-                               * pressures, springs and mappings have: 1 in a time step */
+                               * loads that follow the body have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
     sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
     sb_real radius;           /* spectral radius of generalised alpha */
@@ -50630,27 +50899,129 @@ typedef struct sbi_newton {
     int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
                                * has it in A already */
     int has_velocity;         /* v may differ from 0 at the current u */
+
+    /* where it is */
     int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
     sb_real scale;            /* largest force (N), to compare residuals with */
     sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic, at the current u; valid when energy_known */
+    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
     int energy_known;
     int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
     int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
-} sbi_newton;
+} sbi_step;
+
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
+ * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
+ * the material or the solver refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
+ * not positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
+ * system is ready. */
+SBI_API sb_result sbi_step_advance(sbi_step *step);
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
+ * is told. A failure leaves the step open, as do all failures above. */
+SBI_API sb_result sbi_step_commit(sbi_step *step);
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
+ * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
+ * it. */
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
+/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+
+#endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/step_private.h ==== */
+/* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
+#ifndef SB_STEP_PRIVATE_H
+#define SB_STEP_PRIVATE_H
+
+
+/* ---- step_residual.c ---- */
+SBI_API double sbi_step_now(const sb_body *body);
+/* v and a at the present displacement. */
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);
+/* Internal forces at the present displacement, unless they are current. SB_ERROR_INVERTED. */
+SBI_API sb_result sbi_step_force(sbi_step *step);
+/* matrix = A at the present displacement, whose forces are current. */
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
+/* Factor of the mass in A. */
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
+/* Keeps the stiffness at the start of the step for D. */
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
+/* out = K x with the K of D. */
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
+/* residual = r(u), its norm on the free axes, and the force to compare it with. */
+SBI_API void sbi_step_residual(sbi_step *step);
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step);
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step);
+/* 1 when all of the body's materials have an energy inside out. */
+SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_system.c ---- */
+/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
+SBI_API int sbi_step_supports_move(const sbi_step *step);
+/* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
+SBI_API sb_result sbi_step_make_system(sbi_step *step);
+/* Solves it for the body's increment, with guests. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_search.c ---- */
+/* Moves the displacement by the increment, or the share of it that the line search admits. */
+SBI_API sb_result sbi_step_accept(sbi_step *step);
+
+/* ---- step_scheme.c ---- */
+/* external = dead loads and gravity. */
+SBI_API void sbi_step_dead_loads(sb_body *body);
+/* M a = f_ext - f_int - D v: what Newmark starts from. */
+SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step);
+/* Coefficients and predictors of the integrator. */
+SBI_API void sbi_step_scheme(sbi_step *step);
+/* Velocity, acceleration and displacement at the end of the step; SB_ERROR_DIVERGED before anything overflows. */
+SBI_API sb_result sbi_step_finish(sbi_step *step);
+
+/* ---- step.c: begin and end of steps and of static solves ---- */
+SBI_API void sbi_step_begin_info(sb_step_info *info);
+/* Keeps the state that sbi_step_restore gives back. */
+SBI_API void sbi_step_save(sb_body *body);
+SBI_API void sbi_step_restore(sb_body *body);
+/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
+SBI_API void sbi_step_watch_knots(sb_body *body, int unknots);
+/* Materials with Prony terms respond as over a step of dt from now on. */
+SBI_API void sbi_step_enter(sb_body *body, sb_real dt);
+/* The step of dt is done: their memory moves on. */
+SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
+/* Residual at the present displacement and, unless it is small enough, the next linear system. */
+SBI_API sb_result sbi_step_linearise(sbi_step *step);
+/* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
+SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+SBI_API void sbi_step_forget_error(sb_step_info *info);
+/* Sees to it that a failing call says why, whatever failed. */
+SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
+
+#endif /* SB_STEP_PRIVATE_H */
+
+/* ==== src/softbody/body/step_residual.c ==== */
+/* step_residual: forces, tangent and residual of a step or a static solve.
+ *
+ * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
+ * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
+ * A du = -r. */
+#include <string.h>
+
 
 /* ---- small vector loops ---- */
 
-static double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
-
-static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
-{
-    double sum = 0;
-    for (int i = 0; i < count; i++)
-        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
-    return (sb_real)sum;
-}
+SBI_API double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 
 /* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
 typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
@@ -50689,49 +51060,49 @@ static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *
     return sb_sqrt((sb_real)sum);
 }
 
-static sb_vec3 sbi_step_velocity(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sb_v3_madd(b->velocity0[i], newton->cv, sb_v3_sub(b->displacement[i], b->start[i]));
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->velocity0[i], step->cv, sb_v3_sub(b->displacement[i], b->start[i]));
 }
 
-static sb_vec3 sbi_step_acceleration(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sb_v3_madd(b->acceleration0[i], newton->ca, sb_v3_sub(b->displacement[i], b->start[i]));
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->acceleration0[i], step->ca, sb_v3_sub(b->displacement[i], b->start[i]));
 }
 
 /* ---- one Newton iteration: residual ---- */
 
-static sb_result sbi_newton_force(sbi_newton *newton)
+SBI_API sb_result sbi_step_force(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin = sbi_step_now(b);
     int bad = -1;
     if (!b->force_current) {
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
         b->force_current = bad < 0;
     }
-    newton->info->seconds_force += sbi_step_now(b) - begin;
+    step->info->seconds_force += sbi_step_now(b) - begin;
     if (bad >= 0)
-        return sbi_fail_element(&newton->info->error, SB_ERROR_INVERTED, bad,
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
     return SB_OK;
 }
 
-static sb_real sbi_newton_mass_factor(const sbi_newton *newton)
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return newton->dynamic ? newton->ca + newton->body->damping_mass * newton->cv : 0;
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
-static sb_real sbi_newton_stiffness_factor(const sbi_newton *newton)
+static sb_real sbi_step_stiffness_factor(const sbi_step *step)
 {
-    return newton->dynamic && !newton->lagged_damping ? 1 + newton->body->damping_stiffness * newton->cv : 1;
+    return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
 }
 
 /* The body's matrix with the damping stiffness in place of the tangent; borrowed. */
-static sb_matrix sbi_newton_damping_matrix(const sb_body *b)
+static sb_matrix sbi_step_damping_matrix(const sb_body *b)
 {
     sb_matrix matrix = b->matrix;
     matrix.blocks = b->damping_blocks;
@@ -50739,55 +51110,55 @@ static sb_matrix sbi_newton_damping_matrix(const sb_body *b)
 }
 
 /* matrix = A at the present displacement, whose forces are current. */
-static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin = sbi_step_now(b);
-    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_newton_stiffness_factor(newton), &b->matrix);
-    if (newton->dynamic)
-        sbi_body_add_mass(b, sbi_newton_mass_factor(newton));
-    if (newton->lagged_damping) {
-        sb_real factor = b->damping_stiffness * newton->cv;
+    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
+    if (step->dynamic)
+        sbi_body_add_mass(b, sbi_step_mass_factor(step));
+    if (step->lagged_damping) {
+        sb_real factor = b->damping_stiffness * step->cv;
         for (int k = 0; k < b->matrix.block_count; k++)
             for (int c = 0; c < 9; c++)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, kind, newton->loads_factor, &b->matrix);
-    newton->info->seconds_tangent += sbi_step_now(b) - begin;
+        sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
 /* Keeps the stiffness at the start of the step for D. Were it to follow the iterations, the step would have no
  * potential to go down, and an indefinite or suddenly larger K would feed energy in. */
-static sb_result sbi_newton_keep_damping(sbi_newton *newton)
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin;
-    sb_result result = sbi_newton_force(newton);
+    sb_result result = sbi_step_force(step);
     if (result != SB_OK)
         return result;
     begin = sbi_step_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
     memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
-    newton->info->seconds_tangent += sbi_step_now(b) - begin;
-    newton->lagged_damping = 1;
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->lagged_damping = 1;
     return SB_OK;
 }
 
 /* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
  * then. */
-static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *x, sb_vec3 *out)
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_body *b = newton->body;
-    sb_matrix damping = sbi_newton_damping_matrix(b);
-    sb_real mass = sbi_newton_mass_factor(newton), stiffness = (sb_real)1 / sbi_newton_stiffness_factor(newton);
-    if (newton->lagged_damping) {
+    sb_body *b = step->body;
+    sb_matrix damping = sbi_step_damping_matrix(b);
+    sb_real mass = sbi_step_mass_factor(step), stiffness = (sb_real)1 / sbi_step_stiffness_factor(step);
+    if (step->lagged_damping) {
         sb_matrix_multiply(&damping, &x[0].x, &out[0].x, &b->jobs);
         return;
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
-        sbi_loads_subtract_product(b, x, newton->loads_factor, out);
+        sbi_loads_subtract_product(b, x, step->loads_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -50795,101 +51166,163 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
 
 /* Compares residuals with these forces, too: those of each part with its own, for what is little beside the forces of
  * one part may be all that another feels. */
-static void sbi_newton_raise_scale(sbi_newton *newton, const sb_vec3 *force, sbi_step_axes axes)
+static void sbi_step_raise_scale(sbi_step *step, const sb_vec3 *force, sbi_step_axes axes)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     int parts = sbi_step_parts(b)->part_count;
-    newton->scale = sb_max(newton->scale, sbi_step_norm(b, force, axes));
+    step->scale = sb_max(step->scale, sbi_step_norm(b, force, axes));
     for (int c = 0; parts > 1 && c < parts; c++)
         b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_part_norm(b, c, force, axes));
 }
 
 /* residual += M (a + alpha v) + beta K v. */
-static void sbi_newton_add_dynamics(sbi_newton *newton)
+static void sbi_step_add_dynamics(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
-        b->work[i] = sb_v3_madd(sbi_step_acceleration(newton, i), b->damping_mass, sbi_step_velocity(newton, i));
+        b->work[i] = sb_v3_madd(sbi_step_acceleration(step, i), b->damping_mass, sbi_step_velocity(step, i));
     sbi_body_mass_multiply(b, b->work, b->work2);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
-    sbi_newton_raise_scale(newton, b->work2, SBI_STEP_ALL);
-    if (!(b->damping_stiffness > 0) || !newton->has_velocity)
+    sbi_step_raise_scale(step, b->work2, SBI_STEP_ALL);
+    if (!(b->damping_stiffness > 0) || !step->has_velocity)
         return;
     for (int i = 0; i < n; i++)
-        b->work[i] = sbi_step_velocity(newton, i);
-    sbi_newton_damping_product(newton, b->work, b->rhs);
+        b->work[i] = sbi_step_velocity(step, i);
+    sbi_step_damping_product(step, b->work, b->rhs);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
 }
 
 /* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
-static void sbi_newton_add_loads(sbi_newton *newton)
+static void sbi_step_add_loads(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
-    newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
+    step->load_size = sbi_loads_force(b, b->displacement, step->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
-    sbi_newton_raise_scale(newton, b->follower, SBI_STEP_ALL);
+    sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_newton_unbalanced(const sb_body *b)
+static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
 {
     return b->elimination ? b->elimination->reduced : b->residual;
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
-static void sbi_newton_residual(sbi_newton *newton)
+SBI_API void sbi_step_residual(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
-    newton->scale = 0;
+    step->scale = 0;
     memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
-    sbi_newton_raise_scale(newton, b->external, SBI_STEP_ALL);
-    sbi_newton_raise_scale(newton, b->internal, SBI_STEP_HELD);
+    sbi_step_raise_scale(step, b->external, SBI_STEP_ALL);
+    sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
-        sbi_newton_add_loads(newton);
-    if (newton->dynamic) {
-        sbi_newton_raise_scale(newton, b->internal, SBI_STEP_ALL);
-        sbi_newton_add_dynamics(newton);
+        sbi_step_add_loads(step);
+    if (step->dynamic) {
+        sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
+        sbi_step_add_dynamics(step);
     }
-    newton->last_norm = newton->norm;
+    step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    newton->norm = sbi_step_norm(b, sbi_newton_unbalanced(b), SBI_STEP_FREE);
+    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
 }
 
-/* ---- one Newton iteration: linear solve ---- */
+/* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
+static int sbi_step_is_exhausted(const sb_body *b)
+{
+    sb_real largest = 0, size = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        largest = sb_max(largest, sb_v3_dot(b->increment[i], b->increment[i]));
+        size = sb_max(size, sb_v3_dot(b->displacement[i], b->displacement[i]));
+    }
+    return largest <= 16 * SB_EPSILON * SB_EPSILON * size;
+}
+
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step)
+{
+    sb_result result = sbi_step_force(step);
+    if (result != SB_OK)
+        return result;
+    step->moves_supports = sbi_step_supports_move(step);
+    if (step->linearised) /* its residual may need K v */
+        sbi_step_tangent(step, SB_TANGENT_QUASI);
+    sbi_step_residual(step);
+    if (!sb_is_finite(step->norm))
+        return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
+    return SB_OK;
+}
+
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
+ * `rounding` (N). */
+static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
+{
+    const sb_body *b = step->body;
+    int parts = sbi_step_parts(b)->part_count, meet = 1;
+    step->info->residual = 0;
+    for (int c = 0; c < parts; c++) {
+        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (scale > 0)
+            step->info->residual = sb_max(step->info->residual, norm / scale);
+        meet &= norm <= step->tolerance * scale || norm <= rounding;
+    }
+    return meet;
+}
+
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step)
+{
+    sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
+    int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
+    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+}
+
+SBI_API int sbi_step_allows_inversion(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_allows_inversion(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+/* ==== src/softbody/body/step_system.c ==== */
+/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution, reactions. */
+#include <string.h>
+
 
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
-static sb_vec3 sbi_newton_goal(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    if (newton->load_factor == 1)
+    const sb_body *b = step->body;
+    if (step->load_factor == 1)
         return b->target[i];
-    return sb_v3_madd(b->start[i], newton->load_factor, sb_v3_sub(b->target[i], b->start[i]));
+    return sb_v3_madd(b->start[i], step->load_factor, sb_v3_sub(b->target[i], b->start[i]));
 }
 
 /* What supported axes of node i still have to go. */
-static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
+static sb_vec3 sbi_step_way_to_go(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
+    const sb_body *b = step->body;
+    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_step_goal(step, i), b->displacement[i]), sb_v3(0, 0, 0));
 }
 
-static int sbi_newton_supports_move(const sbi_newton *newton)
+SBI_API int sbi_step_supports_move(const sbi_step *step)
 {
-    const sb_body *b = newton->body;
-    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, newton->load_factor))
+    const sb_body *b = step->body;
+    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, step->load_factor))
         return 1;
     for (int i = 0; i < b->domain.node_count; i++)
         if (b->fixed[i]) {
-            sb_vec3 go = sbi_newton_way_to_go(newton, i);
+            sb_vec3 go = sbi_step_way_to_go(step, i);
             if (go.x != 0 || go.y != 0 || go.z != 0)
                 return 1;
         }
@@ -50897,19 +51330,19 @@ static int sbi_newton_supports_move(const sbi_newton *newton)
 }
 
 /* Start of the linear solve: what the motion predicts on free axes, the way still to go on supported ones. */
-static void sbi_newton_predict(sbi_newton *newton, int first)
+static void sbi_step_predict(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
-        if (first && newton->dynamic)
-            coast = sb_v3_scale(newton->level * newton->dt, b->velocity[i]);
-        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
+        if (step->iteration == 0 && step->dynamic)
+            coast = sb_v3_scale(step->level * step->dt, b->velocity[i]);
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast);
     }
 }
 
 /* Keeps the rows of supported nodes, which the reactions need, before they are masked. */
-static void sbi_newton_keep_support_rows(sb_body *b)
+static void sbi_step_keep_support_rows(sb_body *b)
 {
     const sb_matrix *matrix = &b->matrix;
     sb_real(*out)[9] = b->support_blocks;
@@ -50922,11 +51355,11 @@ static void sbi_newton_keep_support_rows(sb_body *b)
 }
 
 /* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
-static void sbi_newton_constrained_reactions(const sbi_newton *newton)
+static void sbi_step_constrained_reactions(const sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    if (newton->linearised) {
+    if (step->linearised) {
         sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
@@ -50935,14 +51368,14 @@ static void sbi_newton_constrained_reactions(const sbi_newton *newton)
 }
 
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-static void sbi_newton_reactions(const sbi_newton *newton)
+SBI_API void sbi_step_reactions(const sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
     if (b->elimination) {
-        sbi_newton_constrained_reactions(newton);
+        sbi_step_constrained_reactions(step);
         return;
     }
     for (int i = 0; i < matrix->row_count; i++) {
@@ -50950,7 +51383,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_end[i]; k++, row++) {
+        for (int k = matrix->row_start[i]; step->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
@@ -50962,21 +51395,21 @@ static void sbi_newton_reactions(const sbi_newton *newton)
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
-static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iteration)
+static sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
     int linear = 1;
-    if (newton->linear_tolerance > 0)
-        return newton->linear_tolerance;
+    if (step->linear_tolerance > 0)
+        return step->linear_tolerance;
     for (int i = 0; i < b->material_count; i++)
         linear = linear && sb_material_is_linear(b->materials[i].model);
-    if (newton->norm > 0)
-        enough = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
+    if (step->norm > 0)
+        enough = (sb_real)0.1 * step->tolerance * step->scale / step->norm;
     if (linear)
-        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, enough), least);
-    if (iteration > 0 && newton->last_norm > 0) {
-        sb_real ratio = newton->norm / newton->last_norm;
+        return sb_max(sb_min((sb_real)0.1 * step->tolerance, enough), least);
+    if (step->iteration > 0 && step->last_norm > 0) {
+        sb_real ratio = step->norm / step->last_norm;
         forcing = sb_min(forcing, (sb_real)0.5 * ratio * ratio);
     }
     return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
@@ -50984,11 +51417,11 @@ static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iterati
 
 /* T^T A T du' = T^T (-r - A g) in place of A du = -r, g being the jump that closes the constraints' gaps while their
  * masters rest. Returns 1 when there is one. */
-static int sbi_newton_condense(sbi_newton *newton)
+static int sbi_step_condense(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     sbi_elimination *e = b->elimination;
-    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, newton->load_factor);
+    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, step->load_factor);
     if (open) {
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
@@ -51004,78 +51437,97 @@ static int sbi_newton_condense(sbi_newton *newton)
     return open;
 }
 
-/* Solves A du = -r with the supports' increments prescribed. */
-static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
+SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_step_info *info = newton->info;
-    sb_pcg_options options = sb_default_pcg_options();
-    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sb_body *b = step->body;
     sbi_elimination *e = b->elimination;
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
-    sb_preconditioner *precond = e ? e->precond : b->precond;
     sb_result result;
-    int open = 0;
-    double begin = sbi_step_now(b), middle;
-    sbi_newton_predict(newton, iteration == 0);
+    double begin = sbi_step_now(b);
+    step->opens_gaps = 0;
+    sbi_step_predict(step);
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
     if (e)
-        open = sbi_newton_condense(newton);
+        step->opens_gaps = sbi_step_condense(step);
     else
-        sbi_newton_keep_support_rows(b);
+        sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, precond, matrix, &info->error);
-    middle = sbi_step_now(b);
-    info->seconds_precond += middle - begin;
-    if (result != SB_OK)
-        return result;
-    options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
-    options.max_iterations = newton->max_iterations;
+    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    step->info->seconds_precond += sbi_step_now(b) - begin;
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+{
+    sb_body *b = step->body;
+    sb_step_info *info = step->info;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sbi_elimination *e = b->elimination;
+    sb_result result;
+    double begin = sbi_step_now(b);
+    (void)guests; /* conjugate gradients have none yet */
+    SB_ASSERT(guest_count == 0);
+    (void)guest_count;
+    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_step_now(b) - middle;
+    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
-    if (newton->linearised)
+    if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
         info->capped |= pcg.capped;
         result = SB_OK;
     }
     if (e)
-        sbi_elimination_expand(e, b->increment, open);
+        sbi_elimination_expand(e, b->increment, step->opens_gaps);
     return result;
 }
 
-/* ---- one Newton iteration: line search ---- */
+/* ==== src/softbody/body/step_search.c ==== */
+/* step_search: how much of a Newton increment is taken. */
+#include <string.h>
+
+
+static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
+    return (sb_real)sum;
+}
 
 /* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
  * loads. Pressures may have no potential; the work they do along the line serves in its place. */
-typedef struct sbi_newton_line {
+typedef struct sbi_step_line {
     sb_real slope;      /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
-} sbi_newton_line;
+} sbi_step_line;
 
-static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
+static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
-    sbi_newton_line line = {0, 0, 0, 0, 0};
+    sbi_step_line line = {0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
-    if (newton->dynamic) {
+    if (step->dynamic) {
         sbi_body_mass_multiply(b, b->increment, b->work);
-        line.quadratic = sbi_newton_mass_factor(newton) * sbi_step_dot(b->increment, b->work, n);
-        if (newton->lagged_damping) {
-            sbi_newton_damping_product(newton, b->increment, b->work);
-            line.quadratic += b->damping_stiffness * newton->cv * sbi_step_dot(b->increment, b->work, n);
+        line.quadratic = sbi_step_mass_factor(step) * sbi_step_dot(b->increment, b->work, n);
+        if (step->lagged_damping) {
+            sbi_step_damping_product(step, b->increment, b->work);
+            line.quadratic += b->damping_stiffness * step->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
     }
     if (b->load_count) { /* the residual has their linear part */
-        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->loads_factor);
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, step->loads_factor);
         line.quadratic -= work.quadratic;
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
@@ -51086,261 +51538,130 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 /* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
  * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
  * on theirs. */
-static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
+static void sbi_step_trial(const sbi_step *step, sb_real t)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     for (int i = 0; i < b->domain.node_count; i++) {
         b->work2[i] = sb_v3_madd(b->displacement[i], t, b->increment[i]);
         if (t == 1 && b->fixed[i])
-            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
+            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->work2[i]);
     }
-    if (b->elimination && (t == 1 || !newton->moves_supports))
-        sbi_elimination_follow(b->elimination, b->work2, newton->load_factor);
+    if (b->elimination && (t == 1 || !step->moves_supports))
+        sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
 /* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
-static int sbi_newton_try(sbi_newton *newton, const sb_vec3 *trial, sb_real *energy, int *bad)
+static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
-    *bad = sbi_assembly_energy(&newton->body->assembly, trial, energy);
+    *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_newton_take(sbi_newton *newton, const sb_vec3 *trial, sb_real energy)
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    newton->energy = energy;
-    newton->energy_known = 1;
+    step->energy = energy;
+    step->energy_known = 1;
 }
 
-static sb_result sbi_newton_no_step(sbi_newton *newton, int bad)
+static sb_result sbi_step_no_step(sbi_step *step, int bad)
 {
     if (bad >= 0)
-        return sbi_fail_element(&newton->info->error, SB_ERROR_INVERTED, bad,
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d would turn inside out however short the step", bad);
-    return sbi_fail(&newton->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
 }
 
 /* While supports move, work comes in through them and no energy has to fall: the longest admissible share of the
  * increment is taken. In a time step the increment may be far off, when a tool jumps by more than an element; then
  * the supports alone move if that costs less, and the next iterations bring the rest along. */
-static sb_result sbi_newton_move_supports(sbi_newton *newton)
+static sb_result sbi_step_move_supports(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real least = newton->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
+    sb_body *b = step->body;
+    sb_real least = step->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
     sb_real energy = 0, alone = 0, t;
     int bad = -1;
     for (t = 1; t > least; t *= (sb_real)0.5) {
-        sbi_newton_trial(newton, t);
-        if (sbi_newton_try(newton, b->work2, &energy, &bad))
+        sbi_step_trial(step, t);
+        if (sbi_step_try(step, b->work2, &energy, &bad))
             break;
     }
-    if (newton->dynamic && (t < 1 || energy > 0)) {
+    if (step->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
-            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->displacement[i]);
         if (b->elimination)
-            sbi_elimination_follow(b->elimination, b->work, newton->load_factor);
-        if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_newton_take(newton, b->work, alone);
+            sbi_elimination_follow(b->elimination, b->work, step->load_factor);
+        if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
+            sbi_step_take(step, b->work, alone);
             return SB_OK;
         }
     }
     if (!(t > least))
-        return sbi_newton_no_step(newton, bad);
-    sbi_newton_take(newton, b->work2, energy);
+        return sbi_step_no_step(step, bad);
+    sbi_step_take(step, b->work2, energy);
     return SB_OK;
 }
 
 /* Takes the first share t = 1, 1/2, 1/4 ... of the increment whose shape is admissible and whose potential fell
  * enough (Armijo). */
-static sb_result sbi_newton_search(sbi_newton *newton)
+static sb_result sbi_step_search(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sbi_newton_line line;
+    sb_body *b = step->body;
+    sbi_step_line line;
     int bad = -1;
-    if (!newton->energy_known && !sbi_newton_try(newton, b->displacement, &newton->energy, &bad))
-        return sbi_newton_no_step(newton, bad);
-    newton->energy_known = 1;
-    line = sbi_newton_make_line(newton);
-    if (!(line.slope < 0) && !newton->linearised)
+    if (!step->energy_known && !sbi_step_try(step, b->displacement, &step->energy, &bad))
+        return sbi_step_no_step(step, bad);
+    step->energy_known = 1;
+    line = sbi_step_make_line(step);
+    if (!(line.slope < 0) && !step->linearised)
         return SB_ERROR_INDEFINITE;
     line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
         sb_real energy, change, noise;
-        sbi_newton_trial(newton, t);
-        if (!sbi_newton_try(newton, b->work2, &energy, &bad))
+        sbi_step_trial(step, t);
+        if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
-        change = energy - newton->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear) +
+        change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) +
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_newton_take(newton, b->work2, energy);
-            newton->cautious = t < 1;
+            sbi_step_take(step, b->work2, energy);
+            step->cautious = t < 1;
             return SB_OK;
         }
     }
-    return sbi_newton_no_step(newton, bad);
+    return sbi_step_no_step(step, bad);
 }
 
-static sb_result sbi_newton_accept(sbi_newton *newton)
+SBI_API sb_result sbi_step_accept(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     sb_result result = SB_OK;
-    if (newton->line_search) {
-        result = newton->moves_supports ? sbi_newton_move_supports(newton) : sbi_newton_search(newton);
+    if (step->line_search) {
+        result = step->moves_supports ? sbi_step_move_supports(step) : sbi_step_search(step);
     } else {
-        sbi_newton_trial(newton, 1);
+        sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
     }
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++)
         if (!sb_v3_is_finite(b->displacement[i]))
-            return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
                                  i);
     b->force_current = 0;
-    newton->has_velocity = 1;
+    step->has_velocity = 1;
     return SB_OK;
 }
 
-/* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
-static int sbi_newton_is_exhausted(const sb_body *b)
-{
-    sb_real largest = 0, size = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        largest = sb_max(largest, sb_v3_dot(b->increment[i], b->increment[i]));
-        size = sb_max(size, sb_v3_dot(b->displacement[i], b->displacement[i]));
-    }
-    return largest <= 16 * SB_EPSILON * SB_EPSILON * size;
-}
+/* ==== src/softbody/body/step_scheme.c ==== */
+/* step_scheme: the integrators of implicit steps: where they start and what they end with. */
+#include <string.h>
 
-/* ---- the Newton loop ---- */
 
-/* One iteration with the given tangent; SB_ERROR_INDEFINITE asks for a projected one. */
-static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangent_kind kind)
-{
-    sb_result result = sbi_newton_solve(newton, iteration);
-    if (result == SB_OK)
-        result = sbi_newton_accept(newton);
-    if (result == SB_ERROR_INDEFINITE && kind != SB_TANGENT_EXACT)
-        return sbi_fail(&newton->info->error, result, "the projected tangent is not positive definite: %s",
-                        newton->moves_supports ? "supports move too far in one step"
-                                               : "the body is not supported, or torn beyond what can be solved");
-    return result;
-}
-
-/* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
- * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
- * must be safe by itself. */
-static sb_tangent_kind sbi_newton_first_kind(sbi_newton *newton)
-{
-    newton->quasi = newton->quasi && !(newton->last_norm > 0 && newton->norm > (sb_real)0.5 * newton->last_norm);
-    if (newton->quasi)
-        return SB_TANGENT_QUASI;
-    return newton->cautious || (newton->dynamic && newton->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
-}
-
-/* Forces, residual, and the tangent of a linearised step. */
-static sb_result sbi_newton_evaluate(sbi_newton *newton)
-{
-    sb_result result = sbi_newton_force(newton);
-    if (result != SB_OK)
-        return result;
-    newton->moves_supports = sbi_newton_supports_move(newton);
-    if (newton->linearised) /* its residual may need K v */
-        sbi_newton_tangent(newton, SB_TANGENT_QUASI);
-    sbi_newton_residual(newton);
-    if (!sb_is_finite(newton->norm))
-        return sbi_fail(&newton->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
-    return SB_OK;
-}
-
-/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
- * `rounding` (N). */
-static int sbi_newton_parts_meet(sbi_newton *newton, sb_real rounding)
-{
-    const sb_body *b = newton->body;
-    int parts = sbi_step_parts(b)->part_count, meet = 1;
-    newton->info->residual = 0;
-    for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_newton_unbalanced(b), SBI_STEP_FREE) : newton->norm;
-        sb_real scale = parts > 1 ? b->part_scale[c] : newton->scale;
-        if (scale > 0)
-            newton->info->residual = sb_max(newton->info->residual, norm / scale);
-        meet &= norm <= newton->tolerance * scale || norm <= rounding;
-    }
-    return meet;
-}
-
-/* 1 when the residual is small enough, or as small as rounding lets it become. */
-static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
-{
-    sb_real rounding = 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size);
-    int meet = sbi_newton_parts_meet(newton, iteration > 0 ? rounding : 0);
-    return !newton->moves_supports && (meet || (iteration > 0 && sbi_newton_is_exhausted(newton->body)));
-}
-
-static int sbi_newton_allows_inversion(const sb_body *b)
-{
-    for (int i = 0; i < b->material_count; i++)
-        if (!sb_material_allows_inversion(b->materials[i].model))
-            return 0;
-    return 1;
-}
-
-/* The one iteration of a linearised step. Where the material forbids inverted elements the new shape is tried at once
- * (the next step finds its forces done): the body must stay steppable. */
-static sb_result sbi_newton_linearised(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
-    for (int i = 0; newton->line_search && result == SB_OK && i < b->domain.node_count; i++)
-        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
-    if (result == SB_OK && !sbi_newton_allows_inversion(b))
-        result = sbi_newton_force(newton);
-    return result;
-}
-
-/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
- * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
-static int sbi_newton_is_tame(const sb_body *b)
-{
-    for (int i = 0; i < b->material_count; i++)
-        if (sb_material_is_hyperelastic(b->materials[i].model))
-            return 0;
-    return 1;
-}
-
-/* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
-static sb_result sbi_newton_run(sbi_newton *newton)
-{
-    for (int iteration = 0;; iteration++) {
-        sb_tangent_kind kind;
-        sb_result result = sbi_newton_evaluate(newton);
-        if (result != SB_OK)
-            return result;
-        if (newton->linearised)
-            return sbi_newton_linearised(newton);
-        if (sbi_newton_is_converged(newton, iteration))
-            return SB_OK;
-        if (iteration == newton->max_newton)
-            return SB_ERROR_NOT_CONVERGED;
-        kind = sbi_newton_first_kind(newton);
-        sbi_newton_tangent(newton, kind);
-        result = sbi_newton_iterate(newton, iteration, kind);
-        if (result == SB_ERROR_INDEFINITE && kind == SB_TANGENT_EXACT) {
-            sbi_newton_tangent(newton, SB_TANGENT_SPD);
-            result = sbi_newton_iterate(newton, iteration, SB_TANGENT_SPD);
-        }
-        if (result != SB_OK)
-            return result;
-    }
-}
-
-/* ---- time steps ---- */
-
-static void sbi_step_loads(sb_body *b)
+SBI_API void sbi_step_dead_loads(sb_body *b)
 {
     for (int i = 0; i < b->domain.node_count; i++)
         b->work[i] = b->gravity;
@@ -51350,10 +51671,10 @@ static void sbi_step_loads(sb_body *b)
 }
 
 /* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
-static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
+static sb_result sbi_step_lumped_acceleration(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_result result = sbi_constraint_explicit_check(b, &newton->info->error);
+    sb_body *b = step->body;
+    sb_result result = sbi_constraint_explicit_check(b, &step->info->error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++) {
@@ -51365,34 +51686,36 @@ static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
 }
 
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
-static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
+SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_result result = sbi_newton_force(newton);
-    sbi_newton start = *newton;
+    sb_body *b = step->body;
+    sb_result result = sbi_step_force(step);
+    sbi_step start = *step;
     int n = b->domain.node_count;
     if (result != SB_OK)
         return result;
     start.cv = start.ca = 0;
     start.linear_tolerance = 100 * SB_EPSILON;
-    start.max_iterations = sbi_max_int(newton->max_iterations, 1000);
+    start.max_iterations = sbi_max_int(step->max_iterations, 1000);
     memcpy(b->velocity0, b->velocity, (size_t)n * sizeof(sb_vec3));
     memset(b->acceleration0, 0, (size_t)n * sizeof(sb_vec3));
     start.has_velocity = 1;
     if (!start.lagged_damping)
-        sbi_newton_tangent(&start, SB_TANGENT_QUASI);
-    sbi_newton_residual(&start);
+        sbi_step_tangent(&start, SB_TANGENT_QUASI);
+    sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
     sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    result = sbi_newton_solve(&start, 0);
+    result = sbi_step_make_system(&start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(&start, NULL, 0);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
-        return sbi_step_lumped_acceleration(newton);
+        return sbi_step_lumped_acceleration(step);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
         b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
                                                 sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
@@ -51402,15 +51725,15 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
 /* Generalised alpha (Chung and Hulbert 1993) in the unknown u at the level 1 - alpha_f of the step: with
  * d = (u - start) / level the Newmark rules give a' and v' at its end, and
  *     v = level v' + (1 - level) v_n,  a = inertia_level a' + (1 - inertia_level) a_n. */
-static void sbi_step_scheme_alpha(sbi_newton *newton)
+static void sbi_step_scheme_alpha(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real dt = newton->dt, r = newton->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_body *b = step->body;
+    sb_real dt = step->dt, r = step->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
     sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
-    newton->level = newton->load_factor = level;
-    newton->inertia_level = inertia;
-    newton->cv = gamma / (beta * dt);
-    newton->ca = inertia / (beta * dt * dt * level);
+    step->level = step->load_factor = level;
+    step->inertia_level = inertia;
+    step->cv = gamma / (beta * dt);
+    step->ca = inertia / (beta * dt * dt * level);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
         sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
@@ -51420,25 +51743,25 @@ static void sbi_step_scheme_alpha(sbi_newton *newton)
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
             sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
             sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
-            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -newton->cv * level, go), v0);
-            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -newton->ca * level, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -step->cv * level, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -step->ca * level, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, level, inertia);
-    newton->has_velocity = 1;
+        sbi_constraint_scheme(b, step->cv, step->ca, dt, level, inertia);
+    step->has_velocity = 1;
 }
 
-/* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
-static void sbi_step_scheme(sbi_newton *newton)
+/* Implicit Euler and Newmark. Supported axes move evenly to their targets. */
+static void sbi_step_scheme_newmark(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real dt = newton->dt;
+    sb_body *b = step->body;
+    sb_real dt = step->dt;
     int newmark = b->integrator == SB_NEWMARK;
-    newton->cv = (newmark ? 2 : 1) / dt;
-    newton->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->cv = (newmark ? 2 : 1) / dt;
+    step->ca = (newmark ? 4 : 1) / (dt * dt);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {
@@ -51448,16 +51771,174 @@ static void sbi_step_scheme(sbi_newton *newton)
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
-            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -step->cv, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -step->ca, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, 1, 1);
-    newton->has_velocity = newmark;
+        sbi_constraint_scheme(b, step->cv, step->ca, dt, 1, 1);
+    step->has_velocity = newmark;
 }
+
+SBI_API void sbi_step_scheme(sbi_step *step)
+{
+    if (step->body->integrator == SB_GENERALISED_ALPHA)
+        sbi_step_scheme_alpha(step);
+    else
+        sbi_step_scheme_newmark(step);
+}
+
+/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
+static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
+{
+    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
+}
+
+/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
+ * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
+ * the material forbids some (the next step finds its forces done). */
+static sb_result sbi_step_finish_alpha(sbi_step *step)
+{
+    sb_body *b = step->body;
+    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->displacement[i] =
+            sbi_body_pick_axes(b->fixed[i], b->target[i],
+                               sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, 1);
+    b->force_current = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+SBI_API sb_result sbi_step_finish(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int alpha = b->integrator == SB_GENERALISED_ALPHA;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_step_velocity(step, i), a = sbi_step_acceleration(step, i);
+        if (alpha) {
+            v = sbi_step_extrapolate(b->velocity[i], v, step->level);
+            a = sbi_step_extrapolate(b->acceleration[i], a, step->inertia_level);
+        }
+        if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
+                                 i);
+        b->velocity[i] = v;
+        b->acceleration[i] = a;
+    }
+    if (alpha) {
+        sb_result result = sbi_step_finish_alpha(step);
+        if (result != SB_OK)
+            return result;
+    }
+    sbi_body_update_positions(b);
+    b->acceleration_known = 1;
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/step.c ==== */
+/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See step_residual.c
+ * for what is solved. */
+
+#include <string.h>
+
+
+/* ---- the Newton iteration ---- */
+
+/* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
+ * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
+ * must be safe by itself. */
+static sb_tangent_kind sbi_step_first_kind(sbi_step *step)
+{
+    step->quasi = step->quasi && !(step->last_norm > 0 && step->norm > (sb_real)0.5 * step->last_norm);
+    if (step->quasi)
+        return SB_TANGENT_QUASI;
+    return step->cautious || (step->dynamic && step->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
+}
+
+/* An exact tangent that is not positive definite is made anew, projected, and with it the system; other failures stay
+ * what they are. */
+static sb_result sbi_step_project(sbi_step *step, sb_result result)
+{
+    if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
+        step->kind = SB_TANGENT_SPD;
+        sbi_step_tangent(step, step->kind);
+        result = sbi_step_make_system(step);
+    }
+    if (result == SB_ERROR_INDEFINITE)
+        return sbi_fail(&step->info->error, result, "the projected tangent is not positive definite: %s",
+                        step->moves_supports ? "supports move too far in one step"
+                                             : "the body is not supported, or torn beyond what can be solved");
+    return result;
+}
+
+SBI_API sb_result sbi_step_linearise(sbi_step *step)
+{
+    sb_result result = sbi_step_evaluate(step);
+    if (result != SB_OK)
+        return result;
+    step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
+    if (!step->linearised) {
+        step->done = sbi_step_is_converged(step);
+        if (!step->done && step->iteration == step->max_newton) {
+            if (!step->dynamic || step->moves_supports)
+                return SB_ERROR_NOT_CONVERGED;
+            step->done = step->info->capped = 1; /* each iteration lowered the potential */
+        }
+        if (step->done)
+            return SB_OK;
+        step->kind = sbi_step_first_kind(step);
+        sbi_step_tangent(step, step->kind);
+    }
+    return sbi_step_project(step, sbi_step_make_system(step));
+}
+
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+{
+    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
+        result = sbi_step_project(step, result);
+        if (result == SB_OK)
+            result = sbi_step_solve_system(step, guests, guest_count);
+    }
+    return sbi_step_project(step, result);
+}
+
+/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried at
+ * once (the next step finds its forces done): the body must stay steppable. */
+static sb_result sbi_step_end_linearised(sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int i = 0; step->line_search && i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
+    step->done = 1;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+SBI_API sb_result sbi_step_advance(sbi_step *step)
+{
+    sb_result result = sbi_step_accept(step);
+    if (result != SB_OK)
+        return sbi_step_project(step, result);
+    step->iteration++;
+    return step->linearised ? sbi_step_end_linearised(step) : sbi_step_linearise(step);
+}
+
+SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
+{
+    sb_result result = begun;
+    while (result == SB_OK && !step->done) {
+        result = sbi_step_solve(step, NULL, 0);
+        if (result == SB_OK)
+            result = sbi_step_advance(step);
+    }
+    return result;
+}
+
+/* ---- begin and end ---- */
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -51478,7 +51959,7 @@ static void sbi_step_pairs(sb_body *b, sbi_step_pair pairs[SBI_STEP_PAIRS])
     }
 }
 
-static void sbi_step_save(sb_body *b)
+SBI_API void sbi_step_save(sb_body *b)
 {
     sbi_step_pair pairs[SBI_STEP_PAIRS];
     sbi_step_pairs(b, pairs);
@@ -51494,7 +51975,7 @@ static void sbi_step_save(sb_body *b)
     sbi_assembly_save_rotations(&b->assembly);
 }
 
-static void sbi_step_undo(sb_body *b)
+SBI_API void sbi_step_restore(sb_body *b)
 {
     sbi_step_pair pairs[SBI_STEP_PAIRS];
     sbi_step_pairs(b, pairs);
@@ -51511,57 +51992,7 @@ static void sbi_step_undo(sb_body *b)
     sbi_body_update_positions(b);
 }
 
-/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
-static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
-{
-    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
-}
-
-/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
- * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
- * the material forbids some (the next step finds its forces done). */
-static sb_result sbi_step_finish_alpha(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] =
-            sbi_body_pick_axes(b->fixed[i], b->target[i],
-                               sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
-    if (b->elimination)
-        sbi_elimination_follow(b->elimination, b->displacement, 1);
-    b->force_current = 0;
-    return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
-}
-
-/* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
-static sb_result sbi_step_commit(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    int alpha = b->integrator == SB_GENERALISED_ALPHA;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_step_velocity(newton, i), a = sbi_step_acceleration(newton, i);
-        if (alpha) {
-            v = sbi_step_extrapolate(b->velocity[i], v, newton->level);
-            a = sbi_step_extrapolate(b->acceleration[i], a, newton->inertia_level);
-        }
-        if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
-            return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
-                                 i);
-        b->velocity[i] = v;
-        b->acceleration[i] = a;
-    }
-    if (alpha) {
-        sb_result result = sbi_step_finish_alpha(newton);
-        if (result != SB_OK)
-            return result;
-    }
-    sbi_body_update_positions(b);
-    b->acceleration_known = 1;
-    return SB_OK;
-}
-
-static void sbi_step_begin_info(sb_step_info *info)
+SBI_API void sbi_step_begin_info(sb_step_info *info)
 {
     memset(info, 0, sizeof *info);
     info->error.element = -1;
@@ -51569,21 +52000,21 @@ static void sbi_step_begin_info(sb_step_info *info)
 }
 
 /* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
-static void sbi_step_watch_knots(sb_body *b, int unknots)
+SBI_API void sbi_step_watch_knots(sb_body *b, int unknots)
 {
     if (b->assembly.unknots != unknots)
         b->force_current = 0;
     b->assembly.unknots = unknots;
 }
 
-static void sbi_step_forget_error(sb_step_info *info)
+SBI_API void sbi_step_forget_error(sb_step_info *info)
 {
     memset(&info->error, 0, sizeof info->error);
     info->error.element = info->error.node = -1;
 }
 
 /* Sees to it that a failing call says why, whatever failed. */
-static sb_result sbi_step_report(sb_step_info *info, sb_result result)
+SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
     if (result != SB_OK && info->error.result != result) {
         if (result == SB_ERROR_NOT_CONVERGED)
@@ -51596,45 +52027,146 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 }
 
 /* Materials with Prony terms respond as over a step of dt from now on. */
-static void sbi_step_enter(sb_body *b, sb_real dt)
+SBI_API void sbi_step_enter(sb_body *b, sb_real dt)
 {
     if (sbi_assembly_begin_step(&b->assembly, dt))
         b->force_current = 0;
 }
 
 /* The step of dt is done: their memory moves on. */
-static void sbi_step_leave(sb_body *b, sb_real dt)
+SBI_API void sbi_step_leave(sb_body *b, sb_real dt)
 {
     if (sbi_assembly_end_step(&b->assembly, b->displacement, dt))
         b->force_current = 0;
 }
 
-static sb_result sbi_step_run(sbi_newton *newton)
+/* ---- time steps ---- */
+
+/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
+ * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
+static int sbi_step_is_tame(const sb_body *b)
 {
-    sb_body *b = newton->body;
+    for (int i = 0; i < b->material_count; i++)
+        if (sb_material_is_hyperelastic(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
+{
+    int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    step->body = body;
+    step->info = info;
+    step->dynamic = 1;
+    step->dt = dt;
+    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->radius = body->spectral_radius;
+    step->max_newton = sbi_body_max_newton(body);
+    step->linearised = step->max_newton == 1 && !is_explicit;
+    step->max_iterations = body->max_iterations;
+    step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
+    step->linear_tolerance = step->linearised ? body->tolerance : 0;
+    step->line_search = !(step->linearised && sbi_step_is_tame(body));
+}
+
+/* Checks the arguments and keeps what a failing step gives back. */
+static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+{
+    memset(step, 0, sizeof *step);
+    step->info = info ? info : &step->own_info;
+    sbi_step_begin_info(step->info);
+    if (!body || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(&step->info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
+    step->begun = sbi_step_now(body);
+    sbi_step_set_up(step, body, dt, step->info);
+    sbi_step_save(body);
+    sbi_step_watch_knots(body, step->linearised);
+    return SB_OK;
+}
+
+/* An implicit step that was opened, up to its first linear system. */
+static sb_result sbi_step_start(sbi_step *step)
+{
+    sb_body *b = step->body;
     sb_result result = SB_OK;
-    sbi_step_loads(b);
-    if (!newton->linearised && b->damping_stiffness > 0)
-        result = sbi_newton_keep_damping(newton);
+    sbi_step_dead_loads(b);
+    if (!step->linearised && b->damping_stiffness > 0)
+        result = sbi_step_keep_damping(step);
     if (result == SB_OK && b->integrator != SB_EULER && !b->acceleration_known)
-        result = sbi_step_initial_acceleration(newton);
+        result = sbi_step_initial_acceleration(step);
     if (result != SB_OK)
         return result;
-    if (b->integrator == SB_GENERALISED_ALPHA)
-        sbi_step_scheme_alpha(newton);
-    else
-        sbi_step_scheme(newton);
-    sbi_step_enter(b, newton->level * newton->dt);
-    newton->info->newton_iterations = newton->info->pcg_iterations = 0;
-    result = sbi_newton_run(newton);
-    if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
-        newton->info->capped = 1;
-        result = SB_OK;
-    }
+    sbi_step_scheme(step);
+    sbi_step_enter(b, step->level * step->dt);
+    step->info->newton_iterations = step->info->pcg_iterations = 0;
+    return sbi_step_linearise(step);
+}
+
+/* What a step that went well leaves behind beside its state. */
+static void sbi_step_settle(sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_vec3 *balance = b->integrator == SB_GENERALISED_ALPHA ? b->converged : b->displacement;
+    if (b->integrator != SB_CENTRAL_DIFFERENCE)
+        sbi_step_leave(b, step->dt);
+    sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
+    sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
+    step->info->load_steps = 1;
+}
+
+static sb_result sbi_step_close(sbi_step *step, sb_result result)
+{
+    sb_step_info *info = step->info;
+    info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
+    info->seconds_total = sbi_step_now(step->body) - step->begun;
+    sbi_body_tell(step->body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &step->dt, 1);
+    return sbi_step_report(info, result);
+}
+
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+{
+    sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
-    sbi_newton_reactions(newton);
-    return sbi_step_commit(newton);
+    if (body->integrator == SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
+    return sbi_step_start(step);
+}
+
+SBI_API sb_result sbi_step_commit(sbi_step *step)
+{
+    sb_result result;
+    sbi_step_reactions(step);
+    result = sbi_step_finish(step);
+    if (result != SB_OK)
+        return result;
+    sbi_step_settle(step);
+    return sbi_step_close(step, SB_OK);
+}
+
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
+{
+    sbi_step fresh;
+    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+        return 0;
+    memset(&fresh, 0, sizeof fresh);
+    fresh.begun = step->begun;
+    fresh.own_info = step->own_info;
+    sbi_step_set_up(&fresh, step->body, step->dt, step->info);
+    fresh.radius = 0;
+    *step = fresh;
+    sbi_step_restore(step->body);
+    sbi_step_watch_knots(step->body, step->linearised);
+    *result = sbi_step_start(step);
+    return 1;
+}
+
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
+{
+    if (!step->body) /* refused at once */
+        return result;
+    sbi_step_restore(step->body);
+    return sbi_step_close(step, result);
 }
 
 /* Substeps of central differences; what goes bad is done again with more caution, which stays for a while. */
@@ -51643,13 +52175,13 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     sbi_step_guard guard = body->guard;
     for (int caution = guard.caution;; caution++) {
         sb_result result;
-        sbi_step_loads(body);
+        sbi_step_dead_loads(body);
         result = sbi_explicit_run(body, dt, caution, info);
         if (result == SB_OK) {
             sbi_explicit_calm(body, caution);
             return result;
         }
-        sbi_step_undo(body);
+        sbi_step_restore(body);
         sbi_step_watch_knots(body, 0);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
@@ -51657,67 +52189,37 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     }
 }
 
-/* An implicit step. Generalised alpha extrapolates: if the material does not admit the end, it tries once more with the
- * balance at the end, where the line search watches. */
-static sb_result sbi_step_run_implicit(const sbi_newton *start)
+static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
-    sbi_newton newton = *start;
-    sb_result result = sbi_step_run(&newton);
-    if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
-        return result;
-    sbi_step_undo(newton.body);
-    sbi_step_watch_knots(newton.body, start->linearised);
-    newton = *start;
-    newton.radius = 0;
-    return sbi_step_run(&newton);
+    sbi_step step;
+    sb_result result = sbi_step_open(body, dt, info, &step);
+    if (result == SB_OK)
+        result = sbi_step_run_explicit(body, dt, step.info);
+    if (result != SB_OK)
+        return sbi_step_undo(&step, result);
+    sbi_step_settle(&step);
+    return sbi_step_close(&step, SB_OK);
 }
 
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
-    sb_step_info own;
-    sbi_newton newton;
+    sbi_step step;
     sb_result result;
-    double begin;
-    int is_explicit;
-    info = info ? info : &own;
-    sbi_step_begin_info(info);
-    if (!body || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_fail(&info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
-    begin = sbi_step_now(body);
-    memset(&newton, 0, sizeof newton);
-    newton.body = body;
-    newton.info = info;
-    newton.dynamic = 1;
-    newton.dt = dt;
-    newton.load_factor = newton.loads_factor = newton.level = newton.inertia_level = 1;
-    newton.radius = body->spectral_radius;
-    newton.max_newton = sbi_body_max_newton(body);
-    is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
-    newton.linearised = newton.max_newton == 1 && !is_explicit;
-    newton.max_iterations = body->max_iterations;
-    newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
-    newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !(newton.linearised && sbi_newton_is_tame(body));
-    sbi_step_save(body);
-    sbi_step_watch_knots(body, newton.linearised);
-    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
-    if (result != SB_OK) {
-        sbi_step_undo(body);
-    } else {
-        const sb_vec3 *balance = body->integrator == SB_GENERALISED_ALPHA ? body->converged : body->displacement;
-        if (!is_explicit)
-            sbi_step_leave(body, dt);
-        sbi_loads_commit(body, balance, newton.linearised ? body->start : balance, 1);
-        sbi_step_forget_error(info); /* of a tangent that was projected after all */
-        info->load_steps = 1;
-    }
-    info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
-    info->seconds_total = sbi_step_now(body) - begin;
-    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
-    return sbi_step_report(info, result);
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+        return sbi_step_explicit(body, dt, info);
+    result = sbi_step_begin(body, dt, info, &step);
+    do {
+        result = sbi_step_iterate(&step, result);
+        if (result == SB_OK)
+            result = sbi_step_commit(&step);
+    } while (sbi_step_begin_again(&step, &result));
+    return result == SB_OK ? result : sbi_step_undo(&step, result);
 }
 
-/* ---- static solves ---- */
+/* ==== src/softbody/body/step_static.c ==== */
+/* step_static: static solves: load increments on the Newton iteration of steps. */
+#include <string.h>
+
 
 #define SBI_STATIC_COOKIE 0x57a71cu
 enum { SBI_STATIC_NEWTON = 30 };
@@ -51762,26 +52264,27 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 }
 
 /* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
-static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *options)
+static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
     memcpy(b->converged, b->displacement, bytes);
     sbi_loads_begin_static(b);
     while (reached < 1) {
-        int before = newton->info->newton_iterations, spent;
+        int before = step->info->newton_iterations, spent;
         sb_result result;
-        newton->load_factor = sb_min((sb_real)1, reached + stride);
-        if (newton->load_factor > 1 - (sb_real)1e-3 * stride)
-            newton->load_factor = 1;
-        newton->loads_factor = newton->load_factor;
-        newton->norm = newton->last_norm = 0;
-        newton->energy_known = newton->cautious = 0;
-        newton->quasi = options->quasi_newton != 0;
-        sbi_static_loads(b, newton->load_factor);
-        result = sbi_newton_run(newton);
-        spent = newton->info->newton_iterations - before;
+        step->load_factor = sb_min((sb_real)1, reached + stride);
+        if (step->load_factor > 1 - (sb_real)1e-3 * stride)
+            step->load_factor = 1;
+        step->loads_factor = step->load_factor;
+        step->norm = step->last_norm = 0;
+        step->energy_known = step->cautious = 0;
+        step->quasi = options->quasi_newton != 0;
+        sbi_static_loads(b, step->load_factor);
+        step->iteration = step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
             b->force_current = 0;
@@ -51791,31 +52294,31 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
             continue;
         }
         memcpy(b->converged, b->displacement, bytes);
-        reached = newton->load_factor;
-        newton->info->load_factor = reached;
-        newton->info->load_steps++;
+        reached = step->load_factor;
+        step->info->load_factor = reached;
+        step->info->load_steps++;
         if (spent <= 5)
             stride *= (sb_real)1.5;
         if (options->progress)
-            options->progress(options->progress_user, newton->info);
+            options->progress(options->progress_user, step->info);
     }
     return SB_OK;
 }
 
 /* Takes the last converged increment as the body's state: at rest, with exact reactions. */
-static void sbi_static_commit(sbi_newton *newton)
+static void sbi_static_commit(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     const sb_vec3 zero = sb_v3(0, 0, 0);
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     memset(b->velocity, 0, bytes);
     memset(b->acceleration, 0, bytes);
     sbi_body_update_positions(b);
-    sbi_static_loads(b, newton->info->load_factor);
+    sbi_static_loads(b, step->info->load_factor);
     memcpy(b->equilibrated, b->external, bytes);
-    sbi_loads_commit(b, b->displacement, b->displacement, newton->info->load_factor);
-    sbi_loads_end_static(b, newton->info->load_factor);
-    if (sbi_newton_force(newton) == SB_OK && b->elimination) {
+    sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
+    sbi_loads_end_static(b, step->info->load_factor);
+    if (sbi_step_force(step) == SB_OK && b->elimination) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
         sbi_constraint_reactions(b, b->work);
@@ -51837,7 +52340,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
 {
     sb_static_options defaults = sb_default_static_options();
     sb_step_info own;
-    sbi_newton newton;
+    sbi_step step;
     sb_result result;
     sb_real duration;
     double begin;
@@ -51849,24 +52352,24 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         return result;
     begin = sbi_step_now(body);
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
-    memset(&newton, 0, sizeof newton);
-    newton.body = body;
-    newton.info = info;
-    newton.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
-    newton.max_newton = sbi_max_int(options->max_newton, 2);
-    newton.max_iterations = options->max_iterations;
-    newton.line_search = 1;
+    memset(&step, 0, sizeof step);
+    step.body = body;
+    step.info = info;
+    step.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
+    step.max_newton = sbi_max_int(options->max_newton, 2);
+    step.max_iterations = options->max_iterations;
+    step.line_search = 1;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
-    result = sbi_static_run(&newton, options);
+    result = sbi_static_run(&step, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
-        sbi_static_commit(&newton);
+        sbi_static_commit(&step);
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
-        sbi_step_undo(body);
+        sbi_step_restore(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
@@ -54114,7 +54617,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -54393,7 +54897,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)
