@@ -108,7 +108,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
@@ -583,6 +583,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -606,6 +609,7 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32
@@ -4644,6 +4648,7 @@ typedef struct sb_domain {
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
                                    * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    int cell_capacity;            /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
     sb_allocator allocator;
 } sb_domain;
 
@@ -5210,18 +5215,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -5345,7 +5358,10 @@ SB_API const char *sb_check_string(unsigned warning);
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
@@ -6103,6 +6119,7 @@ typedef struct sbi_mesh_change {
     int reshaped_cell_count;
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
+    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
 } sbi_mesh_change;
 
 /* ==== src/softbody/mesh/image.h, internal ==== */
@@ -6212,6 +6229,19 @@ SBI_API void sbi_direct_take_values(sb_direct *direct);
  * on failure. */
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+
+/* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
+ * has changed. */
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error);
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
+/* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
+{
+    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+}
+
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
  * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
  * have had less, else 0. */
@@ -37918,6 +37948,7 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
 /* ==== src/softbody/fem/domain.c ==== */
 /* domain: integration points from elements. */
 
+#include <limits.h>
 #include <string.h>
 
 SB_API void sb_domain_free(sb_domain *domain)
@@ -38250,6 +38281,96 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
     }
     *copy = made;
     return SB_OK;
+}
+
+/* ---- a mesh that changes ---- */
+
+/* The arrays with room for so many cells; what the new slots hold is up to the caller. */
+static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *error)
+{
+    const sb_allocator *allocator = &domain->allocator;
+    size_t cells = (size_t)capacity, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t used = (size_t)domain->cell_count;
+    int *nodes = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    sb_real *gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    if (!nodes || !gradients || !weights) {
+        sbi_free(allocator, nodes);
+        sbi_free(allocator, gradients);
+        sbi_free(allocator, weights);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", capacity);
+    }
+    memcpy(nodes, domain->cells, used * n * sizeof(int));
+    memcpy(gradients, domain->gradients, used * q * n * 3 * sizeof(sb_real));
+    memcpy(weights, domain->weights, used * q * sizeof(sb_real));
+    sbi_free(allocator, domain->cells);
+    sbi_free(allocator, domain->gradients);
+    sbi_free(allocator, domain->weights);
+    domain->cells = nodes;
+    domain->gradients = gradients;
+    domain->weights = weights;
+    domain->cell_capacity = capacity;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
+{
+    if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that changes is of tet4 without masses of their own, not %s",
+                        sb_element_name(domain->element_type));
+    return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
+}
+
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error)
+{
+    int least = change->cell_end;
+    if (least <= domain->cell_capacity)
+        return SB_OK;
+    return sbi_domain_grow(domain, least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2, error);
+}
+
+static void sbi_domain_blank(sb_domain *domain, int e)
+{
+    for (int a = 0; a < 4; a++)
+        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
+    domain->weights[e] = 0;
+}
+
+/* Gradients and weight of a tet; share: of its volume. */
+static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions, sb_real share)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    sb_vec3 x[4];
+    sb_real det;
+    for (int a = 0; a < 4; a++)
+        x[a] = positions[domain->cells[4 * (size_t)e + (size_t)a]];
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_element_shape(element, points[0], NULL, local);
+    det = sbi_domain_point(4, x, (const sb_real(*)[3])local, domain->gradients + 12 * (size_t)e);
+    domain->weights[e] = share * (det * weights[0]);
+}
+
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
+{
+    for (int e = domain->cell_count; e < change->cell_end; e++)
+        sbi_domain_blank(domain, e);
+    domain->node_count = change->node_end;
+    domain->cell_count = change->cell_end;
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < change->cell_end)
+            sbi_domain_blank(domain, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        memcpy(domain->cells + 4 * (size_t)e, change->made_cell_nodes + 4 * (size_t)k, 4 * sizeof(int));
+        sbi_domain_shape(domain, e, positions, change->made_shares ? change->made_shares[k] : (sb_real)1);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++) {
+        int e = change->reshaped_cells[k];
+        sb_real share = change->reshaped_shares ? change->reshaped_shares[k] : (sb_real)1;
+        sbi_domain_shape(domain, e, positions, share);
+    }
 }
 
 /* ---- mass ---- */
@@ -39811,6 +39932,7 @@ typedef struct sbi_assembly {
     sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
@@ -39914,10 +40036,18 @@ SBI_API int sbi_batch_fits(const sb_domain *domain);
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
 /* Copies the gradients into lanes. */
 SBI_API void sbi_batch_fill(sbi_assembly *assembly);
+/* A cell and two of its nodes in one number. */
+enum { SBI_PAIR_NODE_BITS = 4 };
+SB_INLINE int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 /* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
 /* Takes over the moduli of the cells' materials. */
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
+/* Gradients and moduli of one cell, or zeros of a free slot. */
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e);
+/* The rotation of a tet4; setting it sets the saved one, too. */
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
@@ -39931,6 +40061,75 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
 
 #endif /* SB_ASSEMBLY_BATCH_H */
+
+/* ==== src/softbody/fem/assembly_live.h ==== */
+/* assembly_live: an assembly of tet4 whose cells and matrix change. Floor 2, internal.
+ *
+ * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
+ * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
+ * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
+ * slots; they are coloured anew, which takes a hundredth of the next evaluation of forces. */
+#ifndef SB_ASSEMBLY_LIVE_H
+#define SB_ASSEMBLY_LIVE_H
+
+
+typedef struct sbi_assembly_live {
+    sb_allocator allocator;
+    int node_capacity, cell_capacity, block_capacity;
+    int cell_end;          /* slots before the change at hand */
+    int *corner_first;     /* [node_capacity] or -1 */
+    int *corner_next;      /* [4 cell_capacity] or -1 */
+    int *pair_first;       /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
+    int *pair_next;        /* [6 cell_capacity] by cell and pair of nodes, or -1 */
+    int *place, *last;     /* [node_capacity] scratch */
+    int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
+    unsigned char *marks;  /* [node_capacity] zeros between calls */
+    uint64_t *node_colours; /* [node_capacity] scratch */
+    sb_real *units;        /* [chunks] energy units of the chunks */
+    sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
+    sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
+    int inherited_capacity;
+    size_t stride;
+    void *memory;          /* of the arrays above */
+    void *arrays;          /* of the assembly's, once they have outgrown the place they were made in */
+} sbi_assembly_live;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Lets a prepared assembly of a live domain and a live matrix follow changes; SB_ERROR_MEMORY: nothing has changed. */
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error);
+/* Memory to follow a change that domain and matrix have room for already. */
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error);
+/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
+ * viscous memory, without a parent those of rest. */
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
+
+/* Place of a pair in pair_next. */
+SB_INLINE int sbi_live_pair_index(int pair)
+{
+    static const signed char number[16] = {0, 0, 1, 2, 0, 0, 3, 4, 1, 3, 0, 5, 2, 4, 5, 0};
+    int e = pair >> 2 * SBI_PAIR_NODE_BITS, a = pair >> SBI_PAIR_NODE_BITS & 15, b = pair & 15;
+    return 6 * e + number[4 * a + b];
+}
+/* The pair after this one in its block's ring, or -1. */
+SB_INLINE int sbi_live_next_pair(const sbi_assembly_live *live, int pair)
+{
+    return live->pair_next[sbi_live_pair_index(pair)];
+}
+
+/* ---- assembly ---- */
+
+/* Colours the chunks; node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
+/* Reals that a point remembers. */
+SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly);
+/* The energy units of all chunks, and their sum. */
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
+#endif
+
+#endif /* SB_ASSEMBLY_LIVE_H */
 
 /* ==== src/softbody/fem/assembly_batch.c ==== */
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
@@ -39965,7 +40164,8 @@ static size_t sbi_batch_rotated_size(const sb_domain *domain)
 
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
-    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t cells = (size_t)sbi_max_int(domain->cell_capacity, domain->cell_count);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
     size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
@@ -39977,6 +40177,8 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
     assembly->rotated =
         (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (domain->cell_capacity)
+        return; /* pairs are in rings */
     assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
     assembly->pairs = (int *)sbi_arena_take(arena, cells, n * (n - 1) / 2 * sizeof(int));
 }
@@ -39987,23 +40189,26 @@ static int sbi_batch_cell(const sb_domain *domain, int batch, int lane)
     return sbi_min_int(batch * SB_POLAR_LANES + lane, domain->cell_count - 1);
 }
 
+/* The gradients of a cell at a point into a lane. */
+static void sbi_batch_fill_lane(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t point = (size_t)e * q + (size_t)p, at = (size_t)batch * q + (size_t)p;
+    sb_real *out = assembly->batch_gradients + at * 3 * (n - 1) * SB_POLAR_LANES + lane;
+    for (size_t k = 3; k < 3 * n; k++, out += SB_POLAR_LANES)
+        *out = domain->gradients[point * 3 * n + k];
+}
+
 SBI_API void sbi_batch_fill(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int n = domain->nodes_per_cell, q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_gradients;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++)
-            for (int k = 3; k < 3 * n; k++)
-                for (int l = 0; l < SB_POLAR_LANES; l++) {
-                    size_t point = (size_t)sbi_batch_cell(domain, batch, l) * (size_t)q + (size_t)p;
-                    *out++ = domain->gradients[point * 3 * (size_t)n + (size_t)k];
-                }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_fill_lane(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
 }
-
-/* A cell and two of its nodes in one number. */
-enum { SBI_PAIR_NODE_BITS = 4 };
-static int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -40035,27 +40240,63 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
     start[0] = 0;
 }
 
+/* The moduli of a cell at a point into a lane. */
+static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    int q = assembly->domain->points_per_cell;
+    const sb_material *material = assembly->materials + assembly->cell_material[e];
+    sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p];
+    sb_real *out = assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES + lane;
+    out[0] = w * material->lambda;
+    out[SB_POLAR_LANES] = w * material->mu;
+    out[2 * SB_POLAR_LANES] = sb_sqrt(w * material->mu);
+}
+
+static sb_real sbi_batch_ratio(const sb_material *material) { return material->lambda / material->mu; }
+
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_moduli;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++, out += 3 * SB_POLAR_LANES)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                int e = sbi_batch_cell(domain, batch, l);
-                const sb_material *material = assembly->materials + assembly->cell_material[e];
-                sb_real w = domain->weights[(size_t)e * (size_t)q + (size_t)p];
-                out[l] = w * material->lambda;
-                out[SB_POLAR_LANES + l] = w * material->mu;
-                out[2 * SB_POLAR_LANES + l] = sb_sqrt(w * material->mu);
-            }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_set_moduli(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
     assembly->mixed = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        assembly->ratios[e] = material->lambda / material->mu;
+        assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
         assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
     }
+    /* where cells come and go the materials decide, whether a cell has them at present or not */
+    for (int i = 0; assembly->live && i < assembly->material_count; i++) {
+        sb_real ratio = sbi_batch_ratio(assembly->materials + i), first = sbi_batch_ratio(assembly->materials);
+        assembly->mixed |= ratio < first || ratio > first;
+    }
+}
+
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e)
+{
+    int batch = e / SB_POLAR_LANES, lane = e % SB_POLAR_LANES;
+    for (int p = 0; p < assembly->domain->points_per_cell; p++) {
+        sbi_batch_fill_lane(assembly, e, batch, p, lane);
+        sbi_batch_set_moduli(assembly, e, batch, p, lane);
+    }
+    assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
+}
+
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)
+{
+    const sb_real *at = assembly->batch_quats + (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + e % SB_POLAR_LANES;
+    return sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+}
+
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
+{
+    size_t at = (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(e % SB_POLAR_LANES);
+    sb_real values[4];
+    values[0] = quat.w, values[1] = quat.x, values[2] = quat.y, values[3] = quat.z;
+    for (size_t k = 0; k < 4; k++)
+        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] = values[k];
 }
 
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
@@ -40079,7 +40320,13 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin = u[cell[0]];
+        sb_vec3 origin;
+        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
+            for (int k = 0; k < 3 * (n - 1); k++)
+                d[k][l] = 0;
+            continue;
+        }
+        origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -40142,6 +40389,8 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
+        if (cell[0] < 0)
+            continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
             sum.x += f[3 * a][l], node->x += f[3 * a][l];
@@ -40563,28 +40812,45 @@ SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const 
             s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
 }
 
-/* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
-SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const int n, const int q, const int mixed,
-                                      sb_real factor, sb_real *out)
+/* What the loops over blocks know when they are compiled. */
+typedef struct sbi_batch_kind {
+    int n, q;
+    int mixed; /* 1: cells differ in lambda / mu; otherwise it can wait for the sum */
+    int live;  /* 1: pairs are in rings */
+} sbi_batch_kind;
+
+/* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
+SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
+                                         sbi_batch_row *s, sbi_batch_row *l)
+{
+    size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
+    const int q = kind.q;
+    const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
+    sbi_batch_row t[3];
+    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
+    for (int i = 0; i < 3; i++) {
+        s[i] = sbi_batch_add(s[i], t[i]);
+        if (kind.mixed)
+            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
+    }
+}
+
+/* The block of an edge. */
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const sbi_batch_kind kind, sb_real factor,
+                                      sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
     sbi_batch_row s[3], l[3];
     sb_real trace;
     for (int i = 0; i < 3; i++)
         s[i] = l[i] = sbi_batch_scale(0, zeros);
-    for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
-        int pair = assembly->pairs[p];
-        size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
-        const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
-        sbi_batch_row t[3];
-        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-        for (int i = 0; i < 3; i++) {
-            s[i] = sbi_batch_add(s[i], t[i]);
-            if (mixed)
-                l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-        }
-    }
-    for (int i = 0; !mixed && i < 3; i++)
+    if (kind.live)
+        for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
+            sbi_batch_add_pair(assembly, pair, kind, s, l);
+    else
+        for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
+    for (int i = 0; !kind.mixed && i < 3; i++)
         l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
     trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
     for (int i = 0; i < 3; i++)
@@ -40594,28 +40860,38 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
-                                           const int mixed)
+                                           const int mixed, const int live)
 {
     sb_matrix *matrix = job->matrix;
+    sbi_batch_kind kind;
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    kind.n = n;
+    kind.q = q;
+    kind.mixed = mixed;
+    kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
-            sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
+            sbi_batch_block(job->assembly, k, kind, job->factor, matrix->blocks[k]);
 }
 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = sbi_batch_is_tet4(job->assembly);
-    if (is_tet4 && job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 4, 1, 1);
+    int is_tet4 = sbi_batch_is_tet4(job->assembly), mixed = job->assembly->mixed;
+    if (job->assembly->live) {
+        if (mixed)
+            sbi_batch_upper_rows(job, index, 4, 1, 1, 1);
+        else
+            sbi_batch_upper_rows(job, index, 4, 1, 0, 1);
+    } else if (is_tet4 && mixed)
+        sbi_batch_upper_rows(job, index, 4, 1, 1, 0);
     else if (is_tet4)
-        sbi_batch_upper_rows(job, index, 4, 1, 0);
-    else if (job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 10, 4, 1);
+        sbi_batch_upper_rows(job, index, 4, 1, 0, 0);
+    else if (mixed)
+        sbi_batch_upper_rows(job, index, 10, 4, 1, 0);
     else
-        sbi_batch_upper_rows(job, index, 10, 4, 0);
+        sbi_batch_upper_rows(job, index, 10, 4, 0, 0);
 }
 
 /* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
@@ -40656,6 +40932,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 /* ==== src/softbody/fem/assembly.c ==== */
@@ -40664,6 +40941,12 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
 #include <string.h>
 
 /* ---- set-up ---- */
+
+/* Cells that arrays have room for. */
+static int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
 
 static int sbi_assembly_chunk_size(int cell_count)
 {
@@ -40675,12 +40958,13 @@ static int sbi_assembly_chunk_size(int cell_count)
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena)
 {
-    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
+    size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
+    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+        assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    chunks = (size_t)assembly->chunk_count;
+    chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
     assembly->rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
@@ -40713,7 +40997,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
     uint64_t taken = 0;
     int colour = 0;
     for (const int *node = first; node < end; node++)
-        taken |= node_colours[*node];
+        taken |= *node < 0 ? 0 : node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -40721,13 +41005,14 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        node_colours[*node] |= (uint64_t)1 << colour;
+        if (*node >= 0)
+            node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
 }
 
-static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
 {
     int *colour_of = assembly->chunk_bad_cell; /* free until the first loop runs */
     int position = 0;
@@ -40800,7 +41085,8 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        sbi_batch_list_pairs(assembly, matrix);
+        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+            sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }
     sbi_assembly_reset_rotations(assembly);
@@ -41178,6 +41464,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
+        if (cell[0] < 0)
+            continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
@@ -41236,6 +41524,8 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
     *sum = 0;
     for (int e = begin; e < end; e++) {
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+        if (sbi_domain_is_free(assembly->domain, e))
+            continue;
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
         if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
@@ -41361,6 +41651,8 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     for (int e = begin; e < end; e++) {
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
+        if (sbi_domain_is_free(job->assembly->domain, e))
+            continue;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
         if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
@@ -41445,7 +41737,7 @@ static void sbi_assembly_chunk(void *user, int index)
 /* ---- memory of materials with Prony terms ---- */
 
 /* Number of reals that a point remembers. */
-static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
 
 static size_t sbi_memory_points(const sbi_assembly *assembly)
 {
@@ -41455,7 +41747,8 @@ static size_t sbi_memory_points(const sbi_assembly *assembly)
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error)
 {
-    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
+    size_t old_stride = sbi_memory_stride(assembly), stride;
     sb_real *history, *prestress = assembly->prestress;
     if (terms <= assembly->terms)
         return SB_OK;
@@ -41470,7 +41763,7 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
                         assembly->domain->cell_count);
     }
-    for (size_t p = 0; assembly->history && p < points; p++)
+    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
         memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
     sbi_free(allocator, assembly->history);
     assembly->history = history;
@@ -41502,6 +41795,7 @@ SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator
 {
     sbi_free(allocator, assembly->history);
     sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
 }
 
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
@@ -41615,7 +41909,7 @@ static void sbi_memory_chunk(void *user, int chunk)
     sbi_assembly *assembly = job->assembly;
     for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         int index = assembly->cell_material[e];
-        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
             continue;
         if (job->u)
             sbi_memory_advance_cell(job, e);
@@ -41668,6 +41962,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
             assembly->energy_unit +=
                 domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
         }
+    if (assembly->live)
+        sbi_assembly_weigh_all(assembly);
     for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
@@ -41703,6 +41999,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
+    int bad;
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
@@ -41711,7 +42008,9 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    sbi_matrix_set_free_rows(matrix);
+    return bad;
 }
 
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
@@ -41747,6 +42046,434 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
+}
+
+/* ==== src/softbody/fem/assembly_live.c ==== */
+/* assembly_live: rings of cells, and maps of the rows that a change touched. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
+    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
+    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+}
+
+/* Zeroed arrays of the capacities in `live`; 0: no memory. */
+static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
+    if (!live->memory)
+        return 0;
+    arena.base = (unsigned char *)live->memory;
+    arena.used = 0;
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    return 1;
+}
+
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    sb_allocator allocator;
+    if (!live)
+        return;
+    allocator = live->allocator;
+    sbi_free(&allocator, live->memory);
+    sbi_free(&allocator, live->arrays);
+    sbi_free(&allocator, live->inherited);
+    sbi_free(&allocator, live->memories);
+    sbi_free(&allocator, live);
+    assembly->live = NULL;
+}
+
+/* ---- rings ------------------------------------------------------------------------------------------------ */
+
+/* Puts a corner into the ring of its node. */
+static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at >= 0 && *at < corner)
+        at = live->corner_next + *at;
+    live->corner_next[corner] = *at;
+    *at = corner;
+}
+
+static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at != corner)
+        at = live->corner_next + *at;
+    *at = live->corner_next[corner];
+}
+
+/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
+static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
+
+/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
+static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+{
+    sbi_assembly_live *live = assembly->live;
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->place[matrix->columns[q]] = q;
+        live->last[matrix->columns[q]] = -1;
+        live->pair_first[q] = -1;
+    }
+    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
+        int e = corner / 4, a = corner % 4;
+        const int *cell = assembly->domain->cells + 4 * (size_t)e;
+        for (int b = 0; b < 4; b++) {
+            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
+            if (b >= a)
+                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
+            if (j <= i)
+                continue;
+            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
+            *next = pair;
+            live->last[j] = sbi_live_pair_index(pair);
+            live->pair_next[live->last[j]] = -1;
+        }
+    }
+}
+
+/* ---- energy units ----------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
+    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
+    sb_real sum = 0;
+    for (int e = begin; e < end; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
+    }
+    assembly->live->units[chunk] = sum;
+}
+
+static void sbi_assembly_sum_units(sbi_assembly *assembly)
+{
+    assembly->energy_unit = 0;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        assembly->energy_unit += assembly->live->units[chunk];
+}
+
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
+{
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+/* ---- making one ------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int i = 0; i < live->node_capacity; i++)
+        live->corner_first[i] = -1;
+    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
+        int node = domain->cells[corner];
+        if (node >= 0)
+            sbi_ring_add(live, node, corner);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error)
+{
+    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    if (live) {
+        if (allocator)
+            live->allocator = *allocator;
+        live->node_capacity = matrix->live->row_capacity;
+        live->cell_capacity = assembly->domain->cell_capacity;
+        live->block_capacity = matrix->live->block_capacity;
+        live->cell_end = assembly->domain->cell_count;
+    }
+    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
+        sbi_free(allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
+    }
+    assembly->live = live;
+    sbi_assembly_make_rings(assembly, matrix);
+    return SB_OK;
+}
+
+/* ---- growing ---------------------------------------------------------------------------------------------- */
+
+/* Copies what cells have from arrays that were outgrown. */
+static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
+{
+    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
+    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
+    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
+    memcpy(to->shares, from->shares, materials);
+    memcpy(to->relaxing, from->relaxing, materials);
+    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
+    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
+    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
+    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
+    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
+    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
+}
+
+/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
+static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly grown = *assembly;
+    sbi_arena arena = {NULL, 0, 0};
+    int count = assembly->chunk_count;
+    void *memory;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
+    if (!memory)
+        return 0;
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    sbi_assembly_copy_arrays(assembly, &grown);
+    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
+    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
+    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
+    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
+    sbi_free(&assembly->live->allocator, assembly->live->arrays);
+    assembly->live->arrays = memory;
+    *assembly = grown;
+    return 1;
+}
+
+/* Viscous memory for as many cells; 0: no memory. */
+static int sbi_assembly_grow_memory(sbi_assembly *assembly)
+{
+    const sb_allocator *allocator = &assembly->live->allocator;
+    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
+    size_t used = (size_t)assembly->domain->cell_count;
+    sb_real *history, *prestress;
+    if (!assembly->history)
+        return 1;
+    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
+    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        sbi_free(allocator, prestress);
+        return 0;
+    }
+    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
+    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    return 1;
+}
+
+/* Rings for the capacities of domain and matrix; 0: no memory. */
+static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live, grown = *live;
+    size_t cells = (size_t)assembly->domain->cell_count;
+    grown.node_capacity = matrix->live->row_capacity;
+    grown.cell_capacity = assembly->domain->cell_capacity;
+    grown.block_capacity = matrix->live->block_capacity;
+    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
+        return 0;
+    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
+    for (int i = live->node_capacity; i < grown.node_capacity; i++)
+        grown.corner_first[i] = -1;
+    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
+    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
+    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    sbi_free(&live->allocator, live->memory);
+    *live = grown;
+    return 1;
+}
+
+/* Places to keep what parents have; 0: no memory. */
+static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    sb_quat *inherited;
+    sb_real *memories;
+    if (count <= live->inherited_capacity && stride <= live->stride)
+        return 1;
+    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
+    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
+    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
+    if (!inherited || !memories) {
+        sbi_free(&live->allocator, inherited);
+        sbi_free(&live->allocator, memories);
+        return 0;
+    }
+    sbi_free(&live->allocator, live->inherited);
+    sbi_free(&live->allocator, live->memories);
+    live->inherited = inherited;
+    live->memories = memories;
+    live->inherited_capacity = count;
+    live->stride = stride;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error)
+{
+    sbi_assembly_live *live = assembly->live;
+    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
+    if (more_cells)
+        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
+                 live->block_capacity < matrix->live->block_capacity))
+        made = sbi_assembly_grow_rings(assembly, matrix);
+    if (made)
+        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
+}
+
+/* ---- following -------------------------------------------------------------------------------------------- */
+
+/* Keeps rotations and memories of the parents before any slot is used again. */
+static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int parent = change->made_parents ? change->made_parents[k] : -1;
+        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
+        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
+        if (stride && parent >= 0)
+            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
+                   stride * sizeof(sb_real));
+        else if (stride)
+            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
+    }
+}
+
+/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
+static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
+{
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
+    sbi_batch_set_quat(assembly, e, rotations[1]);
+    if (!stride)
+        return;
+    if (memory)
+        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
+    else
+        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
+    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
+}
+
+static void sbi_assembly_blank(sbi_assembly *assembly, int e)
+{
+    sb_quat rotations[2];
+    rotations[0] = rotations[1] = sb_quat_identity();
+    sbi_assembly_set_history(assembly, e, rotations, NULL);
+    sbi_batch_set_cell(assembly, e);
+}
+
+static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
+{
+    const sb_domain *domain = assembly->domain;
+    const sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int e = old_end; e < domain->cell_count; e++) {
+        assembly->live->units[e / assembly->chunk_size] = -1;
+        sbi_assembly_blank(assembly, e);
+    }
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < domain->cell_count)
+            sbi_assembly_blank(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
+        sbi_batch_set_cell(assembly, e);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
+}
+
+static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
+{
+    if (live->marks[i])
+        return;
+    live->marks[i] = 1;
+    live->rows[live->row_count++] = i;
+}
+
+/* Rings of the nodes, and the list of rows whose maps change. */
+static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    live->row_count = 0;
+    for (int k = 0; k < 4 * change->removed_cell_count; k++) {
+        int node = change->removed_cell_nodes[k];
+        sbi_ring_remove(live, node, 4 * change->removed_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < 4 * change->made_cell_count; k++) {
+        int node = change->made_cell_nodes[k];
+        sbi_ring_add(live, node, 4 * change->made_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        sbi_assembly_mark_row(live, matrix->live->touched[k]);
+    for (int k = 0; k < live->row_count; k++) {
+        live->marks[live->rows[k]] = 0;
+        if (live->rows[k] < matrix->row_count)
+            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    }
+}
+
+static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+{
+    for (int k = 0; k < count; k++)
+        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+}
+
+/* Energy units of chunks with changed cells. */
+static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (assembly->live->units[chunk] < 0)
+            sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    const sb_domain *domain = assembly->domain;
+    int old_end = assembly->live->cell_end;
+    sbi_assembly_read_parents(assembly, change);
+    assembly->live->cell_end = domain->cell_count;
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    sbi_assembly_follow_cells(assembly, change, old_end);
+    sbi_assembly_follow_rings(assembly, matrix, change);
+    sbi_assembly_follow_units(assembly, change);
+    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    if (assembly->viscous)
+        sbi_assembly_begin_step(assembly, 0);
 }
 
 /* ==== src/softbody/body/elimination.h ==== */
@@ -42537,7 +43264,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -42564,6 +43291,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -42768,7 +43498,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;
@@ -43695,7 +44428,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -43706,14 +44439,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -43754,62 +44508,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -43823,6 +44605,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
@@ -44958,20 +45757,19 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -44979,6 +45777,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -45371,7 +46174,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -45413,7 +46216,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
@@ -53814,7 +54617,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -54093,7 +54897,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)

@@ -103,7 +103,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
