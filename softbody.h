@@ -102,7 +102,7 @@
  *
  * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
  *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
- *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` assigns materials.
  *              An element of your own is an sb_element_table (see examples/custom_element.c).
  * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
@@ -115,7 +115,7 @@
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
@@ -130,11 +130,11 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 cheaper. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check tells, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
+ * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
  * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
@@ -333,7 +333,7 @@
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: clang is told so here; with gcc compile as -std=c99 or -ffp-contract=off where
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
  * fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE
@@ -895,7 +895,7 @@ SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
 #endif /* SB_CORE_H */
 
 /* ==== src/softbody/base/bytes.h ==== */
-/* bytes: images in memory that tell what they are, and whether they are whole. Floor 0, internal. */
+/* bytes: images in memory that state what they are, and whether they are whole. Floor 0, internal. */
 #ifndef SB_BYTES_H
 #define SB_BYTES_H
 
@@ -2001,7 +2001,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
 
 /* ---- small dense systems ----------------------------------------------------------------------------------
  * Row-major matrices in the caller's memory, factored in place; right-hand sides become solutions in place.
- * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be told from the rounding of the
+ * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be distinguished from the rounding of the
  * sums that made it (singular, not positive definite), or that is not finite. That test does not depend on
  * units or on the scaling of rows and columns; a matrix that is singular only to rounding may pass it where
  * its leading part is ill conditioned too. After a failure the matrix is partly overwritten and must not be
@@ -2092,7 +2092,7 @@ SB_INLINE void sb_ldlt_solve(const sb_real *l, int n, sb_real *b)
 }
 
 /* Column k of the LU factors above and on the diagonal and, not yet divided, below it. Returns the row of the
- * largest entry from k down, or -1 when no entry can be told from rounding. */
+ * largest entry from k down, or -1 when no entry can be distinguished from rounding. */
 SB_INLINE int sbi_dense_lu_column(sb_real *a, int n, int k)
 {
     sb_real best = 0, best_size = 0, size_total = 0;
@@ -2506,7 +2506,7 @@ typedef struct sb_element_table {
                                       * meshes cannot be written */
 } sb_element_table;
 
-/* Tells whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
+/* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
  * of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
  * inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
  * that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
@@ -2567,7 +2567,7 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
 
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
-/* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
+/* Checks whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
  * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
  * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE
  * (error->node is the first), _INDEX or _MESH (error->element is the first; the message lists up to 8 elements and
@@ -2817,7 +2817,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 /* ---- reading ----------------------------------------------------------------------------------------- */
 
 typedef enum sb_file_format {
-    SB_FILE_AUTO = 0, /* told by the content, else by the end of the name */
+    SB_FILE_AUTO = 0, /* by the content, else by the end of the name */
     SB_FILE_VTK = 1,
     SB_FILE_GMSH = 2,
     SB_FILE_TETGEN = 3,
@@ -2882,7 +2882,7 @@ typedef struct sb_load_options {
     sb_allocator allocator; /* for the mesh and while loading; zeros: malloc */
     sb_load_report *report; /* filled on success; NULL: not wanted */
     sb_mesh_sets *sets;     /* the groups of the file, overwritten on success; NULL: not wanted */
-    int cookie;             /* set by sb_default_load_options; tells options that were never initialised */
+    int cookie;             /* set by sb_default_load_options; detects options that were never initialised */
 } sb_load_options;
 
 /* Scale 1, nothing is repaired, malloc, no report, no sets. */
@@ -2892,7 +2892,7 @@ SB_API sb_load_options sb_default_load_options(void);
  *
  * mesh     overwritten on success (free it first when it owns arrays), untouched on failure; free it with
  *          sb_mesh_free
- * path     the format is told by the content, else by the ending. TetGen: the .node or the .ele file, the
+ * path     the format is by the content, else by the ending. TetGen: the .node or the .ele file, the
  *          other one is looked for beside it
  * options  NULL: sb_default_load_options()
  * error    may be NULL; says file and line (line 0 in binary parts, where the message has the byte offset),
@@ -3003,7 +3003,7 @@ typedef struct sb_image {
     sb_allocator allocator; /* what labels came from; zeros: malloc */
 } sb_image;
 
-/* Reads a label image; the format is told by the content.
+/* Reads a label image; the format follows from the content.
  *
  * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
  * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()
@@ -3149,7 +3149,7 @@ typedef struct sb_surface_hit {
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
- * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
+ * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block of
  * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
  * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
@@ -3419,7 +3419,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
  * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
  * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share tell how much is missing;
+ * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is missing;
  * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
  * what is missing.
  *
@@ -3562,11 +3562,11 @@ SB_API sb_real sb_material_bulk(const sb_material *material);
  * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
  * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
  * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
+ * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
- * but does not oppose inversion: it cannot tell F from its mirror image, so an inverted element may come
+ * but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
  * to rest. */
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
@@ -3626,7 +3626,7 @@ SB_API int sb_material_history_stress(const sb_material *material, sb_material_h
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
-/* The same for a material's P; P itself for SB_LINEAR: small strain does not tell the stresses apart. */
+/* The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses. */
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P);
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
@@ -4440,7 +4440,7 @@ typedef struct sb_fit_info {
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
+ * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
  * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
  * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
  * Deformations, 1984, ch. 7. */
@@ -4453,7 +4453,7 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * reading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left
  * out, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
- * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not tell from the others, or
+ * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
 SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
                                        int terms, sb_material *material, sb_fit_info *info, sb_error *error);
@@ -4970,7 +4970,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
  *     |   ,--+------+--.   |      finite cell: cut again and again into eight where the surface goes (an octree); the
  *     |  /   |      |   \  |          points of its leaves that are inside. Exact as the level grows, as does the cost
  *     +-|----+------+----|-+      weighted cell: the eight points that a full brick has, each with the inside share of
- *     |  \   |      |   /  |          its octant as weight, from the same octree. As cheap as a plain mesh at any level
+ *     |  \   |      |   /  |          its octant as weight, from the same octree. Costs as much as a plain mesh at any level
  *     |   `--+------+--'   |
  *     +------+------+------+      [thesis of Brunet 2020, chapter 4; finite cell: Parvizian, Duester, Rank 2007]
  *
@@ -6153,11 +6153,11 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 /* ==== src/softbody/geometry/surface.h, internal ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
+ * the nearest, only the winding number gives the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 /* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
- * winding numbers tell. 0: no memory. */
+ * winding numbers give. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -6657,7 +6657,7 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. */
+ * the next; a thread that is done helps the others. */
 static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task, void *task_user, int count)
 {
     (void)count;
@@ -6827,7 +6827,7 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
     if (result != SB_OK)
         return result;
     if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it states", what,
                         sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
     if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
@@ -7028,7 +7028,7 @@ static FILE *sbi_output_make_beside(sb_output *out)
 
 /* ---- writing ---- */
 
-/* Opens a target that is a device, pipe, folder or open file where it stands, which tells what it cannot be; any other
+/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any other
  * through a file beside it. */
 static FILE *sbi_output_open_target(sb_output *out, const char **why)
 {
@@ -10043,7 +10043,7 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: cheap, and ordered much like the number of neighbours */
+    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
     int *mark;   /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */
@@ -10949,7 +10949,7 @@ typedef enum sbi_voxel_encoding {
 
 /* How a header describes the voxels. */
 typedef struct sbi_voxel_data {
-    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    char class_; /* i signed, u unsigned, f floating; 0: not given */
     int size;    /* bytes of a value */
     int big_endian;
     sbi_voxel_encoding encoding;
@@ -11104,7 +11104,7 @@ SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path,
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
-/* Replaces SB_FILE_AUTO by what the content or the name tells. */
+/* Replaces SB_FILE_AUTO by what the content or the name says. */
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format);
 /* Reads what the loader's reader holds; not TetGen's. */
 SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
@@ -12417,7 +12417,7 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     return SB_FILE_AUTO;
 }
 
-/* By what the file begins with; AUTO when that tells nothing. */
+/* By what the file begins with; AUTO when that decides nothing. */
 static sb_file_format sbi_meshio_format_of_content(const sbi_reader *reader)
 {
     sbi_word word;
@@ -12764,7 +12764,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
 {
     const sb_allocator *allocator = &loader->allocator;
     size_t cut = sbi_meshio_name_ends_with(path, ".node") ? 5 : 4;
-    /* the other file's name in the same case, for file systems that tell */
+    /* the other file's name in the same case, for file systems that distinguish it */
     int capitals = path[strlen(path) - cut + 1] < 'a';
     char *nodes = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".NODE" : ".node");
     char *elements = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".ELE" : ".ele");
@@ -13776,7 +13776,7 @@ static sb_result sbi_vtk_tuples(sbi_vtk *vtk, sbi_word name, int64_t components)
 {
     const sbi_vtk_type *type = NULL;
     sb_result result = SB_OK;
-    if (components < 0) /* texture coordinates tell their own */
+    if (components < 0) /* texture coordinates state their own */
         result = sbi_reader_integer(vtk->reader, "the number of components", &components);
     if (!result)
         result = sbi_vtk_read_type(vtk, &type);
@@ -14412,7 +14412,7 @@ static sb_result sbi_split_check_triangles(sbi_split *split)
     for (int i = 1; i < (int)count && !result; i++) {
         const sbi_split_triangle *a = &triangles[order[i - 1]], *b = &triangles[order[i]];
         if (a->other != b->other && sbi_split_compare_triangles(a, b) == 0) {
-            sbi_reader place = loader->reader; /* behind the cells: its line tells nothing */
+            sbi_reader place = loader->reader; /* behind the cells: its line means nothing */
             place.binary = place.line = 0;
             place.element = a->other ? a->cell : b->cell;
             result = sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED,
@@ -17270,7 +17270,7 @@ static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int cou
     return result;
 }
 
-/* An attribute that tells the first and last point along each axis. */
+/* An attribute that holds the first and last point along each axis. */
 static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
 {
     double numbers[6] = {0, -1, 0, -1, 0, -1};
@@ -17675,7 +17675,7 @@ static int sbi_tetgen_edge_of(const sb_vec3 corners[4], sb_vec3 node)
 }
 
 /* Brings the nodes of a tet10 into our order. Releases of TetGen differ in theirs, but all put the nodes
- * into the middle of straight edges, so the geometry tells. */
+ * into the middle of straight edges, so the geometry decides. */
 static sb_result sbi_tetgen_sort_tet10(sbi_loader *loader)
 {
     sb_vec3 corners[4];
@@ -17956,7 +17956,7 @@ static sb_result sbi_stl_facet(sbi_loader *loader)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
     reader->element = (int)(loader->node_count / 3);
     if (!result)
-        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners tell it */
+        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners give it */
     if (!result)
         result = sbi_surface_expect(reader, "outer");
     if (!result)
@@ -18269,7 +18269,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
                                    sbi_word_print(word, text));
     }
     if (!result && binary < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not tell the format");
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
     sbi_reader_next_line(ply->reader);
     ply->reader->binary = binary > 0;
     return result || binary > 0 ? result : sbi_reader_check_text(ply->reader);
@@ -20010,7 +20010,7 @@ enum {
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
     SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
-    SBI_SURFACE_KNOT = -2   /* mate of an edge of several triangles, or of two that disagree on its direction */
+    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
 /* What a triangle is good for. */
@@ -20021,7 +20021,7 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
+#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
@@ -20124,7 +20124,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 
 /* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
- * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+ * surface fill coins better than boxes, so that their distances differ where those of boxes do not. */
 enum {
     SBI_COIN_CENTRE = 0,
     SBI_COIN_NORMAL = 3,
@@ -20179,7 +20179,7 @@ struct sb_surface {
     int unbalanced; /* edges not run through as often one way as the other */
     sb_vec3 *nodes;        /* [node_count] scaled */
     int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or KNOT */
+    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
     int *element;          /* [triangle_count] */
     unsigned char *shape;  /* [triangle_count] sound, thin or flat */
     unsigned char *pinched;/* [node_count] 1: parts touch in this node */
@@ -20658,7 +20658,7 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
- * much the faces agree. 0 where it means nothing: flat triangles, knots and pinched nodes. */
+ * much the faces agree. 0 where it means nothing: flat triangles, non-manifold edges and pinched nodes. */
 static void sbi_surface_refit_normal(sb_surface *s, int node)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
@@ -21098,12 +21098,12 @@ static void sbi_surface_adopt_tree(sb_surface *s, const sbi_surface_build *b)
 static int sbi_surface_ascends(const int nodes[3], int edge) { return nodes[edge] < nodes[(edge + 1) % 3]; }
 
 /* Neighbours across edges, and how many edges are out of balance. `edges`: those of triangles with three different
- * nodes; the others have knots all round. */
+ * nodes; the others have non-manifold edges all round. */
 static void sbi_surface_find_mates(sb_surface *s, const sbi_mesh_keys *edges)
 {
     for (int t = 0; t < s->triangle_count; t++)
         for (int i = 0; i < 3; i++)
-            s->mate[t][i] = SBI_SURFACE_KNOT;
+            s->mate[t][i] = SBI_SURFACE_NONMANIFOLD;
     s->unbalanced = 0;
     for (int begin = 0, end; begin < edges->sorted; begin = end) {
         int p = edges->order[begin], q, up, balance = 0;
@@ -21162,7 +21162,7 @@ static int sbi_surface_turn(const sb_surface *s, int t, int c, int limit)
     return count;
 }
 
-/* A node is pinched when its triangles are not one fan, or an edge there is a knot. */
+/* A node is pinched when its triangles are not one fan, or an edge there is non-manifold. */
 static void sbi_surface_find_pinched(sb_surface *s)
 {
     for (int v = 0; v < s->node_count; v++) {
@@ -21171,7 +21171,7 @@ static void sbi_surface_find_pinched(sb_surface *s)
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
             s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -21905,7 +21905,7 @@ static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int f
     mate = s->mate[triangle][index];
     if (mate == SBI_SURFACE_OPEN)
         return n;
-    if (mate == SBI_SURFACE_KNOT || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
+    if (mate == SBI_SURFACE_NONMANIFOLD || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
         return sb_v3(0, 0, 0);
     return sb_v3_scale((sb_real)0.5, sb_v3_add(n, sbi_surface_unit_normal(s, mate)));
 }
@@ -21922,7 +21922,7 @@ SB_API sb_vec3 sb_surface_normal(const sb_surface *surface, const sb_surface_hit
     return length > 0 ? sb_v3_scale((sb_real)1 / length, n) : n;
 }
 
-/* 1 inside, 0 outside, -1: the pseudonormal cannot tell. */
+/* 1 inside, 0 outside, -1: the pseudonormal cannot decide. */
 static int sbi_surface_side(const sb_surface *s, const sbi_surface_search *q)
 {
     sb_vec3 x[3], n = sbi_surface_pseudonormal(s, q->triangle, q->best.feature, q->best.index), d;
@@ -23047,12 +23047,12 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
 {
     place->count = count;
     for (int v = 0; count > 0 && v < s->node_count; v++) {
-        int knot = 0;
+        int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            knot = knot || mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
-        if (s->pinched[v] && !knot) {
+        if (s->pinched[v] && !nonmanifold) {
             place->node = v;
             place->element = s->element[s->fan[s->fan_start[v]] / 3];
             return;
@@ -23753,7 +23753,7 @@ typedef struct sbi_stuffing {
     sb_error *error;
     sb_vec3 low, high, origin;
     int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *told;                 /* fraction that the progress callback has heard of, over all attempts */
+    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
     sb_real half;                 /* m, half a cell */
     int n[3];                     /* cells, multiples of 2^levels */
     size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
@@ -23873,7 +23873,7 @@ typedef struct sbi_stuffing_view {
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
 SBI_API void sbi_stuffing_cut_task(void *user, int index);
-/* Runs a task over all surface points, in slices that let progress be told. */
+/* Runs a task over all surface points, in slices, between which progress is reported. */
 SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to);
 SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v);
 /* Whether a tet has angles within those of the stencils. */
@@ -23898,10 +23898,10 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 #define SBI_STUFF_ROUNDS 8
 #define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
 #define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
 #define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
-/* Brings the boundary close to the surface and tells how close it is. */
+/* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
 SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
@@ -24052,9 +24052,9 @@ SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 
 SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
-    *s->told = fraction > *s->told ? fraction : *s->told;
-    if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->told);
+    *s->reported = fraction > *s->reported ? fraction : *s->reported;
+    if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
     return SB_OK;
 }
 
@@ -24085,8 +24085,8 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
-/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
- * -1: not told; -2: the distance is not finite. */
+/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not decided; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     const sb_shape *g = s->def->shapes + shape;
@@ -25691,7 +25691,7 @@ static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int 
     return result;
 }
 
-/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+/* Round 0, 1, ... of sliding and splitting: *again: whether edges were split; then *distance is of before. */
 static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
                                               sb_real *distance)
 {
@@ -26284,7 +26284,7 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
                                    int cells[3], sb_error *error)
 {
     sbi_stuffing s;
@@ -26294,7 +26294,7 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
     s.def = def;
     s.error = error;
     s.attempt = attempt;
-    s.told = told;
+    s.reported = reported;
     result = sbi_stuffing_build(&s, mesh);
     if (result == SB_OK)
         result = sbi_stuffing_progress(&s, 0.9);
@@ -26309,15 +26309,15 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
 
 /* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
  * nearest mesh is kept. */
-static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *reported, sb_mesh *mesh, sb_real *distance,
                                         int cells[3], sb_error *error)
 {
-    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    sb_result result = sbi_stuffing_make(def, 0, reported, mesh, distance, cells, error);
     for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
         sb_mesh other;
         sb_real other_distance = 0;
         int other_cells[3];
-        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        sb_result tried = sbi_stuffing_make(def, attempt, reported, &other, &other_distance, other_cells, error);
         if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
             result = tried;
         if (tried != SB_OK)
@@ -26339,7 +26339,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     sb_mesh made, raised;
     sb_stuff_report found;
     sb_real distance = 0;
-    double told = 0;
+    double reported = 0;
     int cells[3];
     sb_result result = sbi_stuffing_check(def, mesh, error);
     if (result == SB_OK)
@@ -26348,8 +26348,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         return result;
     memset(&made, 0, sizeof made);
     memset(&found, 0, sizeof found);
-    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
-    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+    result = sbi_stuffing_make_best(def, &reported, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and the error says why */
         sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
         result = kept == SB_OK ? result : kept;
     }
@@ -26990,7 +26990,7 @@ typedef struct sbi_fit_system {
     double rest, total; /* total = |b|^2 */
 } sbi_fit_system;
 
-/* Constants that share all but this part of their influence with others are not told apart: measured data never reach
+/* Constants that share all but this part of their influence with others are not distinguished: measured data never reach
  * it, rounding does. */
 static const double sbi_fit_least_own = 1e-6;
 
@@ -27033,7 +27033,7 @@ static double sbi_fit_own(const sbi_fit_system *system, int k)
     return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
 }
 
-/* The unknown with the least part of its own, or the first that is not told apart; and that part. */
+/* The unknown with the least part of its own, or the first that is not distinguished; and that part. */
 static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
 {
     int weakest = 0;
@@ -27059,7 +27059,7 @@ static void sbi_fit_back_substitute(const sbi_fit_system *system, double *c)
 }
 
 /* Solves with the unknowns of `mask` alone, the others 0. Returns |A c - b|^2, or a negative number when they are not
- * told apart or one would not be positive. */
+ * distinguished or one would not be positive. */
 static double sbi_fit_solve_subset(const sbi_fit_system *system, int mask, double *c)
 {
     sbi_fit_system part;
@@ -38522,7 +38522,7 @@ typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers tell */
+    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
     int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
     int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
@@ -38586,7 +38586,7 @@ SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *c
 
 SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
 
-/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+/* Runs task(work, i) for i in [0, count), by slabs, and reports progress up to `share` of the whole. */
 SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
 SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
 /* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
