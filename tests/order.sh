@@ -22,9 +22,6 @@ softbody/body/body_material softbody/body/body
 softbody/body/body_read softbody/body/body
 softbody/body/step_residual softbody/body/step_system
 softbody/fem/assembly_batch softbody/fem/assembly
-softbody/mesh/image_files softbody/mesh/image
-softbody/mesh/meshio_vtk softbody/mesh/image
-softbody/mesh/meshio_vtu softbody/mesh/image
 softbody/solve/multigrid_coarsest softbody/solve/multigrid
 softbody/solve/multigrid_island softbody/solve/multigrid
 softbody/solve/precond_coarse softbody/solve/precond
