@@ -5778,8 +5778,8 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 /* A recording holds a body's state at its start, then every call that changed the body with its arguments, and of every
  * step and static solve the result and a hash of the state it led to. So a session can be played again: on another
  * machine, with another number of threads, or with a library that was meant to compute the same. It works by telling:
- * a body that is not recorded pays one comparison with NULL per call. register.h refuses to move a body that is being
- * recorded (SB_ERROR_UNSUPPORTED); its final displacements can be recorded by sb_body_set_displacements.
+ * a body that is not recorded pays one comparison with NULL per call. What register.h
+ * does to a body is recorded like the body's own calls, and replays without the registration.
  *
  * Memory: 32 bytes per call and its arguments; 136 more per step. With positions_every = k every k-th step also keeps
  * the displacements (24 bytes per node, in float 12). A sb_body_state_load counts with the whole state it loads. */
@@ -6276,6 +6276,8 @@ typedef struct sbi_loads_work {
 } sbi_loads_work;
 
 /* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* Has the owners of potentials fill their rows at u: before the two below. */
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u);
 /* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
  * rounding error of the follower's norm. */
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
@@ -42344,16 +42346,171 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
     }
 }
 
+/* ==== src/softbody/body/step_parts.h ==== */
+/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
+ *
+ *     sbi_step step;
+ *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     do {
+ *         while (result == SB_OK && !step.done) {
+ *             result = sbi_step_solve(&step, guests, guest_count);
+ *             if (result == SB_OK)
+ *                 result = sbi_step_advance(&step);
+ *         }
+ *         if (result == SB_OK)
+ *             result = sbi_step_commit(&step);
+ *     } while (sbi_step_begin_again(&step, &result));
+ *     return result == SB_OK ? result : sbi_step_undo(&step, result);
+ *
+ * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
+ * change the body. */
+#ifndef SB_STEP_PARTS_H
+#define SB_STEP_PARTS_H
+
+
+struct sbi_guest;
+
+/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
+typedef struct sbi_step {
+    sb_body *body;
+    sb_step_info *info;
+    sb_step_info own_info;    /* where the caller wants none */
+    double begun;             /* on the body's clock (s) */
+    int dynamic;              /* 1: a time step; 0: a static solve */
+    int done;                 /* 1: nothing is left to be solved */
+    int iteration;            /* of Newton, from 0 */
+    sb_tangent_kind kind;     /* of the tangent in A */
+
+    /* what is solved */
+    sb_real dt;               /* s */
+    sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
+    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
+                               * loads that follow the body have: 1 in a time step */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
+    sb_real tolerance;        /* of the residual; a linearised step has none */
+    sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
+    int max_newton, max_iterations;
+    int line_search;
+    int linearised;           /* one iteration, taken as it is */
+    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                               * has it in A already */
+    int has_velocity;         /* v may differ from 0 at the current u */
+
+    /* where it is */
+    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
+    sb_real scale;            /* largest force (N), to compare residuals with */
+    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
+    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
+    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
+    int energy_known;
+    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
+} sbi_step;
+
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
+ * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
+ * the material or the solver refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
+ * not positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
+ * system is ready. */
+SBI_API sb_result sbi_step_advance(sbi_step *step);
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
+ * is told. A failure leaves the step open, as do all failures above. */
+SBI_API sb_result sbi_step_commit(sbi_step *step);
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
+ * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
+ * it. */
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
+/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+
+#endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/body_guest.h ==== */
+/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor 3,
+ * internal. What they do to a body is recorded, and replays to the last bit without them. */
+#ifndef SB_BODY_GUEST_H
+#define SB_BODY_GUEST_H
+
+
+/* ---- readings ---- */
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed */
+SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed */
+SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
+SBI_API int sbi_body_has_constraints(const sb_body *body);
+SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
+SBI_API int sbi_body_max_iterations(const sb_body *body);
+SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where fixed axes are to be: displacements (m) */
+SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
+/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+
+/* ---- shapes ---- */
+/* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */
+SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy);
+/* Moves the body to displacements u[nodes] (m), finite, like sb_body_set_displacements, from a shape whose forces were
+ * asked for by one of the calls below. */
+SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u);
+
+/* ---- forces and stiffness at the present shape, with the tangent SB_TANGENT_QUASI ---- */
+/* A place for the factor of the body's tangent. */
+SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *allocator, sb_direct **factor,
+                                       sb_error *error);
+/* residual[nodes] (N) = internal forces less gravity and dead loads; factor: that of the tangent and a mass that holds
+ * what nothing holds, `hold` (N/m) in all, with identity rows for fixed axes. SB_ERROR_INVERTED and the factor's. */
+SBI_API sb_result sbi_body_factor(sb_body *body, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error);
+
+/* ---- a load from outside ---- */
+/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force (N)
+ * on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l l^T].
+ * Called once for each residual, by one thread; what it writes must not depend on threads. */
+typedef struct sbi_potential sbi_potential;
+typedef void (*sbi_potential_fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
+/* rows are copied. The body does not have the load until it is lent, but room for it. */
+SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
+                                       const sb_allocator *allocator, sbi_potential **potential, sb_error *error);
+SBI_API void sbi_potential_destroy(sbi_potential *potential);
+/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads took
+ * the room. */
+SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error);
+SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential);
+/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor; the
+ * linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between sbi_step_solve
+ * solves for sbi_relax_increment. Not for bodies with constraints. */
+SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
+                                  sb_step_info *info, sbi_step *step);
+SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step); /* [nodes] (m); may be changed */
+/* Places the body at u, or, NULL, leaves it as it was to the last bit. */
+SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_vec3 *u);
+/* Makes rows of a mapping softer along the surface: lines[rows] as above; NULL: no longer. SB_ERROR_INDEX,
+ * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY change nothing. */
+SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const sb_vec3 *lines);
+/* The memory for that, so that it cannot fail for lack of it. */
+SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
+
+#endif /* SB_BODY_GUEST_H */
+
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
 
-typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3,
+                             SBI_LOAD_POTENTIAL = 4 } sbi_load_kind;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
- * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+ * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines (see
+ * body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced twins,
+ * balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
@@ -42373,9 +42530,12 @@ typedef struct sbi_load {
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                * and not as a position, the force has the displacement's precision */
     sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
-    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
-                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
-                               * most unit length, it is that much softer */
+    sb_vec3 *lines;           /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
+                               * line l, of at most unit length, it is that much softer. Of a mapping in line_memory, and
+                               * NULL again where a registration's call ends */
+    void *line_memory;        /* of a mapping that has had lines; or NULL */
+    void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
+    void *fill_user;
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
@@ -42422,6 +42582,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
+    SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -42574,12 +42736,16 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
                            const sb_real *reals, size_t real_count);
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
-/* SB_ERROR_UNSUPPORTED for a body that is being recorded: for callers that move a body by other ways than calls on it,
- * which no replay could repeat. */
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error);
+
+/* Frees its arrays. */
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
+
+/* What replays sbi_body_place. */
+enum { SBI_PLACE_INTS = 4 };
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error);
 
 /* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
@@ -42623,8 +42789,6 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
 SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
 /* Newton iterations of a time step, SB_AUTO resolved. */
 SBI_API int sbi_body_max_newton(const sb_body *body);
-/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
-SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
@@ -44512,13 +44676,6 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
         body->observe(body->observer, command);
 }
 
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -44751,7 +44908,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
+        sbi_load_release(&allocator, body->loads + i);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);
@@ -44980,13 +45137,17 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     }
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    if (load->kind == SBI_LOAD_POTENTIAL) {
+        load->lines = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+        return;
+    }
     load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
-    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
 }
 
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
@@ -44995,13 +45156,19 @@ SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int row
     load->row_count = rows;
     load->pattern_version = -1;
     sbi_load_layout(load, entries, pairs, &arena);
-    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, arena.used, 1);
     if (!load->memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a load of %d rows", rows);
     arena.base = (unsigned char *)load->memory;
     arena.used = 0;
     sbi_load_layout(load, entries, pairs, &arena);
     return SB_OK;
+}
+
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load)
+{
+    sbi_free(allocator, load->line_memory);
+    sbi_free(allocator, load->memory);
 }
 
 /* Appends a load for which sbi_load_reserve found room. */
@@ -45043,7 +45210,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
             result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
     if (result == SB_OK)
-        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+        result = sbi_load_make(&body->allocator, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         int *nodes = load->nodes + load->row_start[f];
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -45192,7 +45359,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
         if (!sbi_size_add(&pairs, size, size))
             return sbi_fail_element(error, SB_ERROR_MEMORY, j, "row %d is too long", j);
     }
-    result = sbi_load_make(body, kind, rows, entries, pairs, &load, error);
+    result = sbi_load_make(&body->allocator, kind, rows, entries, pairs, &load, error);
     if (result != SB_OK)
         return result;
     memcpy(load.row_start, mapping->row_start, ((size_t)rows + 1) * sizeof(int));
@@ -45394,8 +45561,8 @@ static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
 
 static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
 {
-    sb_real from = load->balanced_stiffness[row];
-    return factor == 1 ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+    sb_real from = load->balanced_stiffness ? load->balanced_stiffness[row] : 0;
+    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
 }
 
 static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
@@ -45414,10 +45581,16 @@ static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
     return sb_v3_madd(sb_v3_scale(1 - sb_v3_dot(line, line), x), sb_v3_dot(line, x), line);
 }
 
-/* k (target - H^T u): the force of a row on the body. */
+/* Springs and mappings. */
+static int sbi_load_has_targets(const sbi_load *load) { return load->target != NULL; }
+
+/* The force of a row on the body: k (target - H^T u), or what the owner of a potential found. */
 static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
 {
-    sb_vec3 way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
+    sb_vec3 way;
+    if (load->kind == SBI_LOAD_POTENTIAL)
+        return load->force[row];
+    way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
     return sb_v3_scale(sbi_load_stiffness_at(load, row, factor), sbi_load_stiff_part(load, row, way));
 }
 
@@ -45478,6 +45651,15 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
 
 /* ---- all loads ---- */
 
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_POTENTIAL)
+            load->fill(load->fill_user, u, load->force, load->stiffness, load->lines);
+    }
+}
+
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
 {
     double size = 0;
@@ -45503,6 +45685,8 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
                 sb_vec3 *node = body->follower + nodes[a];
                 *node = sb_v3_madd(*node, load->weights[load->row_start[j] + a], pull);
             }
+            if (!sbi_load_has_targets(load))
+                continue;
             k = (double)sbi_load_stiffness_at(load, j, factor);
             reach = (double)sb_v3_norm(sbi_load_target_at(load, j, factor));
             size += k * reach * k * reach;
@@ -45640,7 +45824,7 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
 {
     double sum = 0;
     for (int l = 0; l < body->load_count; l++)
-        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+        for (int j = 0; sbi_load_has_targets(body->loads + l) && j < body->loads[l].row_count; j++)
             sum += sbi_load_row_energy(body->loads + l, j, u);
     return sum;
 }
@@ -45652,7 +45836,7 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
             double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
             sum += gain > 0 ? gain : 0;
@@ -45665,7 +45849,7 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && !load->balanced && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
         }
@@ -45678,7 +45862,7 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
         sbi_load *load = body->loads + l;
         load->balanced = 1;
         load->balanced_pressure = sbi_load_pressure_at(load, factor);
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
             load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
         }
@@ -45767,6 +45951,93 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
     return sbi_load_get_forces(body, load_id, SBI_LOAD_MAPPING, forces);
 }
 
+/* ---- for guests ---- */
+
+struct sbi_potential {
+    sb_allocator allocator;
+    sbi_load load;
+};
+
+SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
+                                       const sb_allocator *allocator, sbi_potential **potential, sb_error *error)
+{
+    int entries = rows->row_start[rows->row_count];
+    size_t pairs = 0;
+    sbi_potential *made = (sbi_potential *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    sb_result result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential");
+    for (int j = 0; j < rows->row_count && result == SB_OK; j++) {
+        size_t size = (size_t)(rows->row_start[j + 1] - rows->row_start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            result = sbi_fail(error, SB_ERROR_MEMORY, "a potential's rows are too long");
+    }
+    if (result == SB_OK)
+        result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        result = sbi_load_make(allocator, SBI_LOAD_POTENTIAL, rows->row_count, entries, pairs, &made->load, error);
+    if (result != SB_OK) {
+        sbi_free(allocator, made);
+        return result;
+    }
+    memcpy(made->load.row_start, rows->row_start, ((size_t)rows->row_count + 1) * sizeof(int));
+    memcpy(made->load.nodes, rows->nodes, (size_t)entries * sizeof(int));
+    memcpy(made->load.weights, rows->weights, (size_t)entries * sizeof(sb_real));
+    made->load.fill = fill;
+    made->load.fill_user = user;
+    made->allocator = *allocator;
+    *potential = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_potential_destroy(sbi_potential *potential)
+{
+    sb_allocator allocator;
+    if (!potential)
+        return;
+    allocator = potential->allocator;
+    sbi_load_release(&allocator, &potential->load);
+    sbi_free(&allocator, potential);
+}
+
+SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error)
+{
+    sb_result result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        body->loads[body->load_count++] = potential->load;
+    return result;
+}
+
+SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential)
+{
+    potential->load = body->loads[--body->load_count];
+}
+
+SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!load->line_memory)
+        load->line_memory = sbi_alloc(&body->allocator, (size_t)load->row_count, sizeof(sb_vec3));
+    return load->line_memory ? SB_OK : SB_ERROR_MEMORY;
+}
+
+SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const sb_vec3 *lines)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    size_t count = load ? (size_t)load->row_count : 0;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (lines && sbi_load_check_points(lines, load->row_count, NULL) != SB_OK)
+        return SB_ERROR_NOT_FINITE;
+    if (lines && sbi_body_reserve_mapping_lines(body, load_id) != SB_OK)
+        return SB_ERROR_MEMORY;
+    load->lines = lines ? (sb_vec3 *)load->line_memory : NULL;
+    if (lines)
+        memcpy(load->lines, lines, count * sizeof *lines);
+    sbi_body_tell(body, SBI_COMMAND_LINES, load_id, 0, NULL, 0, lines ? &lines[0].x : NULL, lines ? 3 * count : 0);
+    return SB_OK;
+}
+
 /* ---- removal ---- */
 
 /* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
@@ -45801,7 +46072,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
         return SB_ERROR_INDEX;
     if (load->balanced)
         sbi_load_fade(body, load);
-    sbi_free(&body->allocator, load->memory);
+    sbi_load_release(&body->allocator, load);
     after = (size_t)(body->loads + body->load_count - (load + 1));
     memmove(load, load + 1, after * sizeof *load);
     body->load_count--;
@@ -49888,93 +50159,6 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     return SB_OK;
 }
 
-/* ==== src/softbody/body/step_parts.h ==== */
-/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
- *
- *     sbi_step step;
- *     sb_result result = sbi_step_begin(body, dt, info, &step);
- *     do {
- *         while (result == SB_OK && !step.done) {
- *             result = sbi_step_solve(&step, guests, guest_count);
- *             if (result == SB_OK)
- *                 result = sbi_step_advance(&step);
- *         }
- *         if (result == SB_OK)
- *             result = sbi_step_commit(&step);
- *     } while (sbi_step_begin_again(&step, &result));
- *     return result == SB_OK ? result : sbi_step_undo(&step, result);
- *
- * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
- * change the body. */
-#ifndef SB_STEP_PARTS_H
-#define SB_STEP_PARTS_H
-
-
-struct sbi_guest;
-
-/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
-typedef struct sbi_step {
-    sb_body *body;
-    sb_step_info *info;
-    sb_step_info own_info;    /* where the caller wants none */
-    double begun;             /* on the body's clock (s) */
-    int dynamic;              /* 1: a time step; 0: a static solve */
-    int done;                 /* 1: nothing is left to be solved */
-    int iteration;            /* of Newton, from 0 */
-    sb_tangent_kind kind;     /* of the tangent in A */
-
-    /* what is solved */
-    sb_real dt;               /* s */
-    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
-    sb_real load_factor;      /* share of the way from start to target the supports go */
-    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
-                               * loads that follow the body have: 1 in a time step */
-    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
-    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
-    sb_real radius;           /* spectral radius of generalised alpha */
-    sb_real tolerance;        /* of the residual; a linearised step has none */
-    sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
-    int max_newton, max_iterations;
-    int line_search;
-    int linearised;           /* one iteration, taken as it is */
-    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
-                               * has it in A already */
-    int has_velocity;         /* v may differ from 0 at the current u */
-
-    /* where it is */
-    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
-    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
-    sb_real scale;            /* largest force (N), to compare residuals with */
-    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
-    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
-    int energy_known;
-    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
-    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
-} sbi_step;
-
-/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
- * the material or the solver refuses. */
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
-/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
- * not positive definite, it is made anew, projected, and solved again. */
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
-/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
- * system is ready. */
-SBI_API sb_result sbi_step_advance(sbi_step *step);
-/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
- * is told. A failure leaves the step open, as do all failures above. */
-SBI_API sb_result sbi_step_commit(sbi_step *step);
-/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
- * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
- * it. */
-SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
-SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
-
-#endif /* SB_STEP_PARTS_H */
-
 /* ==== src/softbody/body/step_private.h ==== */
 /* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
 #ifndef SB_STEP_PRIVATE_H
@@ -50133,7 +50317,7 @@ SBI_API sb_result sbi_step_force(sbi_step *step)
 
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : step->hold;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
@@ -50156,7 +50340,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     sb_body *b = step->body;
     double begin = sbi_step_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
-    if (step->dynamic)
+    if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
     if (step->lagged_damping) {
         sb_real factor = b->damping_stiffness * step->cv;
@@ -50294,6 +50478,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     if (result != SB_OK)
         return result;
     step->moves_supports = sbi_step_supports_move(step);
+    if (step->body->load_count)
+        sbi_loads_fill(step->body, step->body->displacement);
     if (step->linearised) /* its residual may need K v */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     sbi_step_residual(step);
@@ -51417,6 +51603,188 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     info->seconds_total = sbi_step_now(body) - begin;
     sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
+}
+
+/* ==== src/softbody/body/body_guest.c ==== */
+/* body_guest: readings for guests, a static iteration with a load from outside, and what it did as a command. */
+
+#include <string.h>
+
+
+/* ---- readings ---- */
+
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
+}
+
+SBI_API sb_mesh sbi_body_shape(const sb_body *body)
+{
+    sb_mesh mesh = sbi_body_mesh(body);
+    mesh.nodes = body->position;
+    return mesh;
+}
+
+SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
+SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
+SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
+SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
+SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body) { return body->target; }
+
+SBI_API sb_real sbi_body_young(const sb_body *body)
+{
+    double sum = 0;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+    return (sb_real)(sum / (double)body->domain.cell_count);
+}
+
+/* ---- shapes ---- */
+
+SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy)
+{
+    return sbi_assembly_energy(&body->assembly, u, energy);
+}
+
+/* Internal forces at the present shape. On failure the rotations' warm starts are what they were. */
+static sb_result sbi_guest_force(sb_body *b, sb_error *error)
+{
+    int bad;
+    if (b->force_current)
+        return SB_OK;
+    sbi_assembly_save_rotations(&b->assembly);
+    bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    if (bad < 0)
+        return SB_OK;
+    sbi_assembly_restore_rotations(&b->assembly);
+    return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                            "element %d is inside out, which its material does not allow", bad);
+}
+
+/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape before,
+ * the preconditioner's memory is told. */
+SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
+{
+    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
+    int ints[SBI_PLACE_INTS];
+    uint64_t shift;
+    sbi_command command;
+    (void)sbi_guest_force(body, NULL);
+    memcpy(body->displacement, u, (size_t)body->domain.node_count * sizeof *u);
+    sbi_body_update_positions(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    memset(&command, 0, sizeof command);
+    memcpy(&shift, &memory.shift, sizeof shift);
+    ints[0] = sbi_int_of(shift & 0xffffffffu);
+    ints[1] = sbi_int_of(shift >> 32);
+    ints[2] = memory.successes;
+    ints[3] = memory.wait;
+    command.code = SBI_COMMAND_PLACE;
+    command.ints = ints;
+    command.int_count = SBI_PLACE_INTS;
+    command.reals = &body->displacement[0].x;
+    command.real_count = 3 * (size_t)body->domain.node_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error)
+{
+    sbi_precond_memory memory;
+    uint64_t shift = (uint64_t)(uint32_t)ints[1] << 32 | (uint32_t)ints[0];
+    sb_result result;
+    memcpy(&memory.shift, &shift, sizeof shift);
+    memory.successes = ints[2];
+    memory.wait = ints[3];
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(u[i]))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the displacement of node %d is not finite", i);
+    if (!sbi_precond_is_memory(memory))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the memory of the preconditioner is none");
+    result = sbi_guest_force(body, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, memory);
+    sbi_body_place(body, u);
+    return SB_OK;
+}
+
+/* ---- forces and stiffness ---- */
+
+SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *allocator, sb_direct **factor,
+                                       sb_error *error)
+{
+    sb_direct_def def = sb_default_direct_def();
+    def.positions = body->reference;
+    return sb_direct_create(&def, &body->matrix, allocator, factor, error);
+}
+
+/* Factor of the mass matrix that makes `hold` of it. */
+static sb_real sbi_guest_hold(const sb_body *body, sb_real hold)
+{
+    sb_real mass = sb_body_mass(body);
+    return mass > 0 ? hold / mass : 0;
+}
+
+SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error)
+{
+    sb_result result = sbi_guest_force(b, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++)
+        residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+    sbi_body_add_mass(b, sbi_guest_hold(b, hold));
+    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
+    return sb_direct_update(factor, &b->matrix, error);
+}
+
+/* ---- one iteration with a load from outside ---- */
+
+SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
+                                  sb_step_info *info, sbi_step *step)
+{
+    sb_result result;
+    memset(step, 0, sizeof *step);
+    sbi_step_begin_info(info);
+    step->body = body;
+    step->info = info;
+    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->hold = sbi_guest_hold(body, hold);
+    step->linear_tolerance = tolerance;
+    step->linearised = 1;
+    step->max_iterations = body->max_iterations;
+    sbi_step_save(body);
+    result = sbi_potential_lend(body, potential, &info->error);
+    if (result != SB_OK) {
+        step->done = 1; /* it was not lent */
+        return result;
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        body->external[i] = sb_v3_madd(body->dead_load[i], body->load_mass[i], body->gravity);
+    return sbi_step_linearise(step);
+}
+
+SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step) { return step->body->increment; }
+
+SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_vec3 *u)
+{
+    sb_body *b = step->body;
+    if (!step->done)
+        sbi_potential_return(b, potential);
+    memcpy(b->external, b->saved_external, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (u)
+        sbi_body_place(b, u);
+    else
+        sbi_step_restore(b);
 }
 
 /* ==== src/softbody/body/modes.c ==== */
@@ -52824,7 +53192,7 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
                                              walk->error));
     if (walk->result != SB_OK)
         return;
@@ -52864,7 +53232,7 @@ static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int co
 static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
 {
     for (int i = 0; i < count; i++)
-        sbi_free(&body->allocator, loads[i].memory);
+        sbi_load_release(&body->allocator, loads + i);
     sbi_free(&body->allocator, loads);
 }
 
@@ -53821,6 +54189,18 @@ static sb_result sbi_play_stiffness(sb_body *body, const sbi_command *c, sb_erro
                                           : sb_body_set_mapping_stiffness(body, c->a, c->reals, c->b);
 }
 
+static sb_result sbi_play_lines(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->real_count != 0 && c->real_count != 3 * sbi_record_load_rows(body, c->a))
+        return sbi_record_refuse_counts(c, error);
+    return sbi_body_set_mapping_lines(body, c->a, c->real_count ? sbi_record_vectors(c) : NULL);
+}
+
+static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -53920,6 +54300,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CONSTRAINT_VALUE, "constraint value", 0, 1, sbi_play_constraint_value},
     {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
     {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
+    {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
+    {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
