@@ -28,6 +28,10 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
+ *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
+ *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -93,21 +97,23 @@
  *
  * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
  *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
- *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` assigns materials.
  *              An element of your own is an sb_element_table (see examples/custom_element.c).
  * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
+ *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
  *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
@@ -119,11 +125,11 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 cheaper. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check tells, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
+ * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
  * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
@@ -271,6 +277,36 @@
  *     sb_mesh_free(&drawn);
  *     ```
  *
+ * From a segmented scan to tets whose regions are its labels (1 liver, 2 tumour, say):
+ *
+ *     ```c fragment
+ *     sb_load_options options = sb_default_load_options();
+ *     sb_label_def labels = sb_default_label_def();
+ *     sb_image scan = {0};
+ *     sb_mesh outside = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_error error;
+ *     options.scale = (sb_real)0.001;                     // the file is in millimetres
+ *     labels.image = &scan;                               // all labels but 0
+ *     if (sb_image_load(&scan, "scan.nrrd", &options, &error) != SB_OK ||
+ *         sb_image_surface(&labels, &outside, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&outside, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.01;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK || sb_image_set_regions(&scan, &tets, &error) != SB_OK)
+ *         return 1;
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&outside);
+ *     sb_image_free(&scan);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -292,12 +328,12 @@
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: clang is told so here; with gcc compile as -std=c99 or -ffp-contract=off where
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
  * fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
- * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
+ * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */

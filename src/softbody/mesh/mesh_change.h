@@ -47,6 +47,7 @@ typedef struct sbi_mesh_change {
     int reshaped_cell_count;
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
+    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
 } sbi_mesh_change;
 #endif
 
