@@ -50,7 +50,7 @@ SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy)
 }
 
 /* Internal forces at the present shape. On failure the rotations' warm starts are what they were. */
-static sb_result sbi_guest_force(sb_body *b, sb_error *error)
+static sb_result sbi_body_current_force(sb_body *b, sb_error *error)
 {
     int bad;
     if (b->force_current)
@@ -73,7 +73,7 @@ SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
     int ints[SBI_PLACE_INTS];
     uint64_t shift;
     sbi_command command;
-    (void)sbi_guest_force(body, NULL);
+    (void)sbi_body_current_force(body, NULL);
     memcpy(body->displacement, u, (size_t)body->domain.node_count * sizeof *u);
     sbi_body_update_positions(body);
     body->force_current = 0;
@@ -105,7 +105,7 @@ SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb
             return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the displacement of node %d is not finite", i);
     if (!sbi_precond_is_memory(memory))
         return sbi_fail(error, SB_ERROR_FORMAT, "the memory of the preconditioner is none");
-    result = sbi_guest_force(body, error);
+    result = sbi_body_current_force(body, error);
     if (result != SB_OK)
         return result;
     sbi_precond_set_memory(body->precond, memory);
@@ -124,7 +124,7 @@ SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *
 }
 
 /* Factor of the mass matrix that makes `hold` of it. */
-static sb_real sbi_guest_hold(const sb_body *body, sb_real hold)
+static sb_real sbi_body_hold_factor(const sb_body *body, sb_real hold)
 {
     sb_real mass = sb_body_mass(body);
     return mass > 0 ? hold / mass : 0;
@@ -132,13 +132,13 @@ static sb_real sbi_guest_hold(const sb_body *body, sb_real hold)
 
 SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error)
 {
-    sb_result result = sbi_guest_force(b, error);
+    sb_result result = sbi_body_current_force(b, error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++)
         residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
-    sbi_body_add_mass(b, sbi_guest_hold(b, hold));
+    sbi_body_add_mass(b, sbi_body_hold_factor(b, hold));
     sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
     return sb_direct_update(factor, &b->matrix, error);
 }
@@ -154,7 +154,7 @@ SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_re
     step->body = body;
     step->info = info;
     step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
-    step->hold = sbi_guest_hold(body, hold);
+    step->hold = sbi_body_hold_factor(body, hold);
     step->linear_tolerance = tolerance;
     step->linearised = 1;
     step->max_iterations = body->max_iterations;
