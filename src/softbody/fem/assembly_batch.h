@@ -26,6 +26,8 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
+/* The one of a cell, from that of a cell of another assembly. */
+SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 

@@ -73,6 +73,12 @@ typedef enum sb_mass_kind {
  * on failure. */
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
+/* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
+ * positions  [node_count] (m)
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
+ * SB_ERROR_MESH names the element. */
+SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
+                                  const sb_real *shares, sb_error *error);
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
  * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
  * have had less, else 0. */
