@@ -1,5 +1,5 @@
 /* sparse: pattern from cells, block products, constraints. */
-#include "sparse.h"
+#include "sparse_live.h"
 #include "../base/lanes.h"
 
 #include <limits.h>
@@ -179,8 +179,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
         }
 }
 
-/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
-static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
 {
     int rows = matrix->row_count, alone = -1;
     for (int i = 0; i < rows; i++)
@@ -197,6 +196,12 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         alone = is_alone ? matrix->part_count : alone;
         sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
     }
+    sbi_sparse_list_parts(matrix, part_of);
+}
+
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+{
+    int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
     for (int i = 0; i < rows; i++)
         matrix->part_start[part_of[i] + 1]++;
@@ -266,6 +271,7 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
         return;
+    sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
 }
@@ -276,6 +282,7 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
         return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)

@@ -29,6 +29,7 @@ typedef struct sb_matrix {
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
+    struct sbi_matrix_live *live; /* internal, of a matrix that follows a mesh that changes; otherwise NULL */
     sb_allocator allocator;
 } sb_matrix;
 
