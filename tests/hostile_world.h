@@ -309,6 +309,12 @@ static sb_body_change *world_idle_change(world *w)
     return change;
 }
 
+static const sb_real *world_ones(void)
+{
+    static const sb_real ones[4] = {1, 1, 1, 1};
+    return ones;
+}
+
 /* Element 0 once more. */
 static const sb_change_cell *world_change_cell(world *w)
 {

@@ -20,22 +20,51 @@ static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_a
     mesh->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
 
-SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
-                                         sbi_live_mesh *mesh, sb_error *error)
+/* The arrays of a mesh whose slots are there. */
+static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    memset(mesh, 0, sizeof *mesh);
-    if (sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) &&
-        sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator)) {
-        sbi_live_mesh_layout(body, mesh, &arena);
-        mesh->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
-    }
+    sbi_live_mesh_layout(body, mesh, &arena);
+    mesh->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
     if (!mesh->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", mesh->nodes.end);
     arena.base = (unsigned char *)mesh->memory;
     arena.used = 0;
     sbi_live_mesh_layout(body, mesh, &arena);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                         sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
+        !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
+}
+
+/* Slots with these counts, and as much room as others have. */
+static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const sbi_slots *others,
+                               const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(slots, sbi_max_int(counts->fresh, others->capacity), 0, allocator))
+        return 0;
+    slots->end = counts->end;
+    slots->fresh = counts->fresh;
+    slots->count = counts->count;
+    memset(slots->stack, 0, (size_t)slots->count * sizeof(int));
+    return 1;
+}
+
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
+        !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
 }
 
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh)
@@ -137,7 +166,7 @@ static int sbi_live_spread_parts(sb_body *next, const int *used)
 }
 
 /* Cells of each node and parts, in the numbers of the slots, made of the cells in use. */
-static sb_result sbi_live_make_lists(sb_body *next, sb_error *error)
+static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
 {
     sb_mesh view = sbi_body_mesh_view(next);
     int n = next->domain.nodes_per_cell, count = 0, *used;
@@ -145,6 +174,7 @@ static sb_result sbi_live_make_lists(sb_body *next, sb_error *error)
     used = (int *)sbi_alloc(&next->allocator, (size_t)next->domain.cell_count, (size_t)(n + 1) * sizeof(int));
     if (!used)
         return sbi_live_no_memory(error, view.node_count);
+    view.nodes = mesh->positions;
     view.elements = used + next->domain.cell_count;
     for (int e = 0; e < next->domain.cell_count; e++)
         if (next->live->shares[e] > 0) {
@@ -168,7 +198,7 @@ static sb_result sbi_live_make_lists(sb_body *next, sb_error *error)
 static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
 {
     const sb_domain *domain = &next->domain;
-    sb_result result = sbi_live_make_lists(next, error);
+    sb_result result = sbi_live_make_lists(mesh, next, error);
     if (result == SB_OK)
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);

@@ -60,6 +60,9 @@ SBI_API void sbi_live_destroy(sb_body *body);
 /* Room for a mesh with copies of these slots. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
                                          sbi_live_mesh *mesh, sb_error *error);
+/* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error);
 SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
 /* Lists what the body's mesh has in these slots. */
 SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);

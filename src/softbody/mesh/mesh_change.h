@@ -56,8 +56,6 @@ typedef struct sb_mesh_change {
                                 * nodes that are not made by this change */
 } sb_mesh_change;
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-typedef sb_mesh_change sbi_mesh_change;
-#endif
+typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
 
 #endif /* SB_MESH_CHANGE_H */
