@@ -365,7 +365,7 @@
 /* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 6.
  *
  * A rod is a chain of nodes x_0 (base) ... x_n-1 (tip) and the edges e_j = x_j+1 - x_j between them. Each edge carries
- * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which tells how the rod is turned about its own
+ * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which says how the rod is turned about its own
  * axis. Twist runs along a rod faster than anything a step resolves, so frames have no inertia: they always minimise
  * the energy (Bergou et al. 2008, "Discrete elastic rods"; 2010 for the frames carried in time). */
 #ifndef NDL_ROD_H
@@ -478,7 +478,7 @@ NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real ben
  * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
  * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
  * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per
- * length give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares
+ * length give both times the edge's length. When edges are split, merged or set anew, their halves, sums or shares
  * follow. */
 NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
 
@@ -1773,13 +1773,13 @@ NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char 
                                     sb_error *error)
 {
     const unsigned char *image = (const unsigned char *)buffer;
-    uint64_t told;
+    uint64_t written;
     if (!buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "buffer is NULL");
     if (size >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL) {
-        told = sbi_get_bytes(image + 16, 8);
-        if (told >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && told < (uint64_t)size)
-            size = (size_t)told;
+        written = sbi_get_bytes(image + 16, 8);
+        if (written >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && written < (uint64_t)size)
+            size = (size_t)written;
     }
     return sbi_image_check(image, size, magic, NDLI_IMAGE_VERSION, what, error);
 }
@@ -1924,11 +1924,11 @@ struct ndl_rod {
 
     sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
 
-    int ledger_open;         /* 1: ledger is the energy (J) when supports or loads last changed */
-    double ledger;
+    int energy_monitored;    /* 1: energy_before is the energy (J) when supports or loads last changed */
+    double energy_before;
 
     /* what follows holds nothing between calls */
-    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains told from those below */
+    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains measured from those below */
     double *old_length;      /* [edges] (m) */
     ndli_v3 *old_binormal;   /* [nodes] */
     double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
@@ -2030,7 +2030,7 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its first
  * edge stays. */
 NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
@@ -3141,7 +3141,7 @@ NDLI_API void ndli_rod_rest_changed(ndl_rod *rod)
 static int ndli_rod_has_node(const ndl_rod *rod, int node) { return node >= 0 && node < rod->node_count; }
 
 /* Where a new support or load begins the energy may become another. */
-static void ndli_rod_touched(ndl_rod *rod) { rod->ledger_open = 0; }
+static void ndli_rod_touched(ndl_rod *rod) { rod->energy_monitored = 0; }
 
 static void ndli_rod_set_target(ndl_rod *rod, int node, ndli_v3 position, const ndli_v3 *velocity)
 {
@@ -4137,11 +4137,11 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
 static int ndli_rod_gained(ndl_rod *rod)
 {
     double lively, energy = ndli_rod_total_energy(rod, &lively);
-    return energy - rod->ledger > 0.01 * lively;
+    return energy - rod->energy_before > 0.01 * lively;
 }
 
-/* Opens or closes the ledger; 1 when it may be held against the step. */
-static int ndli_rod_keep_ledger(ndl_rod *rod)
+/* Starts or ends the energy monitor; 1 when it may be held against the step. */
+static int ndli_rod_monitor_energy(ndl_rod *rod)
 {
     double lively;
     int busy = ndli_rod_any_torque(rod) || rod->base_director_set;
@@ -4149,10 +4149,10 @@ static int ndli_rod_keep_ledger(ndl_rod *rod)
         busy = busy || rod->turn[i] != 0 ||
                (rod->held[i] && (rod->has_velocity[i] || ndli_norm(ndli_sub(rod->target[i], rod->x[i])) > 0));
     if (busy) {
-        rod->ledger_open = 0;
-    } else if (!rod->ledger_open) {
-        rod->ledger = ndli_rod_total_energy(rod, &lively);
-        rod->ledger_open = 1;
+        rod->energy_monitored = 0;
+    } else if (!rod->energy_monitored) {
+        rod->energy_before = ndli_rod_total_energy(rod, &lively);
+        rod->energy_monitored = 1;
     }
     return !busy;
 }
@@ -4183,7 +4183,7 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
         return ndli_rod_fail(info, SB_ERROR_ARGUMENT, "rod is NULL, or dt is not above 0");
     if (!ndli_rod_any_turn_held(rod) && ndli_rod_any_torque(rod))
         return ndli_rod_fail(info, SB_ERROR_UNCONSTRAINED, "a torque acts, but no edge is held against turning");
-    watched = ndli_rod_keep_ledger(rod);
+    watched = ndli_rod_monitor_energy(rod);
     ndli_rod_save(rod);
     result = ndli_rod_try_step(rod, (double)dt, 0, info);
     if (watched && (result != SB_OK || ndli_rod_gained(rod))) {
@@ -4251,7 +4251,7 @@ static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_option
         result = ndli_rod_solve_piece(rod, &problem, 1.0 / (pieces - piece), info);
     problem.tolerance = (double)options->tolerance;
     for (int done = 0; result == SB_OK && done < most; done += problem.max_newton) {
-        /* frames are told from where the last round ended: none may turn far between two */
+        /* frames are measured from where the last round ended: none may turn far between two */
         problem.max_newton = sbi_max_int(2, sbi_min_int(10, most - done));
         result = ndli_rod_solve_piece(rod, &problem, 1, info);
         rod->base_director_set = 0;
@@ -4295,7 +4295,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     ndli_rod_clear_turns(rod);
     ndli_rod_slip(rod);
     ndli_rod_read_reactions(rod);
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;
@@ -4307,7 +4307,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
  *
  * A spring is wound by lag = theta - anchor, and its potential is convex: 1/2 k lag^2 up to the lag limit/k, straight
  * beyond. Minimising it together with twist and bending from the anchors of the last state is one implicit step of the
- * plastic flow; the anchors then follow what has slipped. Where the frame that theta is told from turns by itself
+ * plastic flow; the anchors then follow what has slipped. Where the frame that theta is measured from turns by itself
  * (folded reference twist, other nodes), theta and anchor change alike. */
 
 NDLI_API double ndli_rod_grip_moment(const ndl_rod *rod, int j, double lag)
@@ -4367,7 +4367,7 @@ NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double
     if (stiffness * fabs(lag) > limit)
         lag = ndli_rod_grip_moment(rod, edge, lag) / stiffness;
     rod->anchor[edge] = rod->theta[edge] - lag;
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
 }
 
 NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle) { rod->theta[0] += angle; }
@@ -4461,7 +4461,7 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
 
 /* ==== src/needle/rod_reshape.c ==== */
 /* rod_reshape: other nodes on a rod's own curve. Needles slide along the nodes of their tissue: after a step the
- * coupled nodes go back to these, and what the rod carries is told anew at where they are.
+ * coupled nodes go back to these, and what the rod carries is measured anew where they are.
  *
  * Arc distances of the new polyline are scaled to the old one's, so that both ends agree; between the ends of a
  * clamped base edge and beyond it by a scale of their own, so that the clamp keeps its edge. Interpolation is Akima's
@@ -4716,7 +4716,7 @@ static int ndli_rod_interpolate_curvature(const ndl_rod *rod, ndli_rod_reshape *
     return -1;
 }
 
-/* Director and angle of the new edges. Angles are told from a frame that parallel transport lays along the polyline,
+/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the polyline,
  * and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
 static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *reshape)
 {
@@ -4826,7 +4826,7 @@ NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int
     ndli_rod_interpolate_frames(rod, &reshape);
     ndli_rod_spread_grip(rod, reshape.old_at, reshape.at, count, &reshape.grip);
     ndli_rod_take_reshape(rod, &reshape);
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
     ndli_rod_relax(rod);
     ndli_rod_slip(rod);
     return -1;
@@ -11280,8 +11280,8 @@ NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer)
 
 typedef struct ndli_rod_head {
     double stretch, bending[2], torsion, line_density, tolerance; /* the make */
-    double gravity[3], damping_stretch, damping_bending, base_director[3], ledger;
-    int order, max_newton, node_count, plain, base_director_set, ledger_open, grips;
+    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
+    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
     int none; /* fills the head up to whole doubles */
 } ndli_rod_head;
 
@@ -11294,13 +11294,13 @@ static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
     h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
     h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
     h->base_director[2] = rod->base_director.z;
-    h->ledger = rod->ledger;
+    h->energy_before = rod->energy_before;
     h->order = NDLI_IMAGE_ORDER;
     h->max_newton = rod->max_newton;
     h->node_count = rod->node_count;
     h->plain = rod->plain;
     h->base_director_set = rod->base_director_set;
-    h->ledger_open = rod->ledger_open;
+    h->energy_monitored = rod->energy_monitored;
     h->grips = rod->grips;
 }
 
@@ -11309,11 +11309,11 @@ static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
     rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
     rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
     rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
-    rod->ledger = h->ledger;
+    rod->energy_before = h->energy_before;
     rod->node_count = h->node_count;
     rod->plain = h->plain;
     rod->base_director_set = h->base_director_set;
-    rod->ledger_open = h->ledger_open;
+    rod->energy_monitored = h->energy_monitored;
     rod->grips = h->grips;
 }
 
@@ -11402,7 +11402,7 @@ static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t s
     if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
         ndli_rod_measure(rod, head.node_count, &flags) != told ||
         !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
-        !ndli_state_is_flag(head.ledger_open))
+        !ndli_state_is_flag(head.energy_monitored))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
     for (size_t at = 0; at < flags; at += sizeof(double)) {
         double value;
@@ -12538,7 +12538,7 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
  * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
  * target, to count on less costs a longer way. */
 
-static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise has more effect on it */
 static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
 static const double ndli_steer_most_drift = 0.3;
 
@@ -13847,7 +13847,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
 /* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
 NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
-/* After a substep: the tip enters, goes on, or back; needle->advance tells how far. What could not be done holds the tip
+/* After a substep: the tip enters, goes on, or back; needle->advance says how far. What could not be done holds the tip
  * and is no failure, but for SB_ERROR_UNSUPPORTED: another needle's element is in the way. */
 NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error);
 

@@ -398,7 +398,7 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
                                       sb_error *error);
 
 typedef enum reg_cloud_format {
-    REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
+    REG_CLOUD_AUTO = 0, /* by the content, else by the end of the name */
     REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, or commas, or
                          * semicolons; between semicolons decimal commas are read as well. A line that could mean two
                          * things (`0,5 0,25 1,5`) is an error. More columns are left alone, and so are columns 4 to 6
@@ -764,7 +764,7 @@ typedef struct reg_cpd reg_cpd;
  * source, target  [count] (m), at least one point each, in any order; copied
  * options         NULL: defaults
  * fit             made on success; the caller's, for reg_cpd_destroy; untouched otherwise
- * A cap that was reached is no error: info.stop tells, and the fit is as good as it got.
+ * A cap that was reached is no error: info.stop reports it, and the fit is as good as it got.
  * Cost of an iteration: at most source_count target_count exponentials (about 5 ns each), and as sigma shrinks those of
  * near blocks of points only; non-rigid in addition source_count rank^2 / 2 + rank^3 / 6 multiply-adds. Memory: rank
  * (source_count + rank) doubles. The same bits for any jobs.
@@ -1273,7 +1273,7 @@ REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
     return inverse;
 }
 
-/* The axis times 2 sin, and 1 + 2 cos: together they tell small angles and such near pi alike. */
+/* The axis times 2 sin, and 1 + 2 cos: together they determine small angles and angles near pi alike. */
 REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
 {
     const sb_mat3 *r = motion ? &motion->rotation : NULL;
@@ -2765,7 +2765,7 @@ typedef struct regi_smooth_sums {
     sb_real matrix[REGI_SMOOTH_TERMS * REGI_SMOOTH_TERMS], right[REGI_SMOOTH_TERMS];
 } regi_smooth_sums;
 
-/* The nearest points that may tell of a point's place: no outliers, not of a surface that faces the other way. */
+/* The nearest points that may be used to place a point: no outliers, not of a surface that faces the other way. */
 static int regi_smooth_neighbours(const regi_smooth *s, int point, int with_itself, int wanted, int *near)
 {
     int found[REGI_SMOOTH_ASKED], asked = sbi_min_int(2 * wanted, REGI_SMOOTH_ASKED), count, kept = 0;
@@ -2870,7 +2870,7 @@ static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *
     return median;
 }
 
-/* How far a point is from the surface that its neighbours tell of. */
+/* How far a point is from the surface that its neighbours define. */
 static void regi_smooth_judge(const regi_smooth *s, int point)
 {
     int near[REGI_SMOOTH_LEAST], count = regi_smooth_neighbours(s, point, 0, REGI_SMOOTH_LEAST, near);
@@ -3124,7 +3124,7 @@ REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_sm
 }
 
 /* Marks nodes whose shortest edge is three times as long as their neighbours' are on average: those that lie far away
- * from where the mesh has them, which no neighbours in space could tell where many lie far away. */
+ * from where the mesh has them, which no neighbours in space could give where many lie far away. */
 static void regi_smooth_find_stretched(regi_smooth_work *w, const sbi_surface_cut *cut)
 {
     int n = w->pass.count;
@@ -3226,7 +3226,7 @@ REG_API sb_result reg_cloud_smooth_mesh(sb_mesh *surface, const sb_jobs *jobs, r
 
 #define REGI_FIELD_COOKIE 0x66696c64u
 
-enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
+enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that decide whether one of them is on its rim */
 
 /* Laplace's potential at the corners of a grid of cubes. */
 typedef struct regi_field_grid {
@@ -4564,14 +4564,14 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
                           reg_rigid *motion, reg_icp_info *info, sb_error *error)
 {
     reg_icp_options defaults = reg_default_icp_options();
-    reg_icp_info told;
+    reg_icp_info report;
     reg_rigid found;
     regi_icp icp;
     sb_result result;
     if (!model || !target || !motion)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "model, target or motion is NULL");
     memset(&icp, 0, sizeof icp);
-    memset(&told, 0, sizeof told);
+    memset(&report, 0, sizeof report);
     icp.options = options ? options : &defaults;
     icp.allocator = &icp.options->allocator;
     icp.error = error;
@@ -4592,11 +4592,11 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
         result = regi_icp_make_pairs(&icp);
     found = icp.swapped ? reg_rigid_inverse(&icp.options->start) : icp.options->start;
     if (result == SB_OK)
-        result = regi_icp_run(&icp, &found, &told);
+        result = regi_icp_run(&icp, &found, &report);
     if (result == SB_OK) {
         *motion = icp.swapped ? reg_rigid_inverse(&found) : found;
         if (info)
-            *info = told;
+            *info = report;
     }
     sbi_free(icp.allocator, icp.pairs.from);
     sbi_free(icp.allocator, icp.pairs.weight);
@@ -4884,7 +4884,7 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that can be told from 0 beside c */
+    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }

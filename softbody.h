@@ -102,20 +102,20 @@
  *
  * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
  *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
- *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` assigns materials.
  *              An element of your own is an sb_element_table (see examples/custom_element.c).
  * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
@@ -130,11 +130,11 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 cheaper. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check tells, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
+ * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
  * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
@@ -333,7 +333,7 @@
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: clang is told so here; with gcc compile as -std=c99 or -ffp-contract=off where
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
  * fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE
@@ -583,6 +583,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -626,6 +629,7 @@
 #define sb_body_live_check sb_body_live_check_f32
 #define sb_body_listen sb_body_listen_f32
 #define sb_body_unlisten sb_body_unlisten_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32
@@ -911,7 +915,7 @@ SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
 #endif /* SB_CORE_H */
 
 /* ==== src/softbody/base/bytes.h ==== */
-/* bytes: images in memory that tell what they are, and whether they are whole. Floor 0, internal. */
+/* bytes: images in memory that state what they are, and whether they are whole. Floor 0, internal. */
 #ifndef SB_BYTES_H
 #define SB_BYTES_H
 
@@ -2017,7 +2021,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
 
 /* ---- small dense systems ----------------------------------------------------------------------------------
  * Row-major matrices in the caller's memory, factored in place; right-hand sides become solutions in place.
- * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be told from the rounding of the
+ * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be distinguished from the rounding of the
  * sums that made it (singular, not positive definite), or that is not finite. That test does not depend on
  * units or on the scaling of rows and columns; a matrix that is singular only to rounding may pass it where
  * its leading part is ill conditioned too. After a failure the matrix is partly overwritten and must not be
@@ -2108,7 +2112,7 @@ SB_INLINE void sb_ldlt_solve(const sb_real *l, int n, sb_real *b)
 }
 
 /* Column k of the LU factors above and on the diagonal and, not yet divided, below it. Returns the row of the
- * largest entry from k down, or -1 when no entry can be told from rounding. */
+ * largest entry from k down, or -1 when no entry can be distinguished from rounding. */
 SB_INLINE int sbi_dense_lu_column(sb_real *a, int n, int k)
 {
     sb_real best = 0, best_size = 0, size_total = 0;
@@ -2522,7 +2526,7 @@ typedef struct sb_element_table {
                                       * meshes cannot be written */
 } sb_element_table;
 
-/* Tells whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
+/* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
  * of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
  * inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
  * that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message
@@ -2583,7 +2587,7 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
 
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
-/* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
+/* Checks whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
  * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
  * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE
  * (error->node is the first), _INDEX or _MESH (error->element is the first; the message lists up to 8 elements and
@@ -2772,8 +2776,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
- * A free slot of a cell stands in the body's domain with weights and gradients 0 and node 0 at every corner, so that
- * loops over all cells need no test; those that make patterns leave it out. A free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
+ * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
@@ -2813,6 +2817,7 @@ typedef struct sb_mesh_change {
     int reshaped_cell_count;
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
+    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
@@ -2886,7 +2891,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 /* ---- reading ----------------------------------------------------------------------------------------- */
 
 typedef enum sb_file_format {
-    SB_FILE_AUTO = 0, /* told by the content, else by the end of the name */
+    SB_FILE_AUTO = 0, /* by the content, else by the end of the name */
     SB_FILE_VTK = 1,
     SB_FILE_GMSH = 2,
     SB_FILE_TETGEN = 3,
@@ -2951,7 +2956,7 @@ typedef struct sb_load_options {
     sb_allocator allocator; /* for the mesh and while loading; zeros: malloc */
     sb_load_report *report; /* filled on success; NULL: not wanted */
     sb_mesh_sets *sets;     /* the groups of the file, overwritten on success; NULL: not wanted */
-    int cookie;             /* set by sb_default_load_options; tells options that were never initialised */
+    int cookie;             /* set by sb_default_load_options; detects options that were never initialised */
 } sb_load_options;
 
 /* Scale 1, nothing is repaired, malloc, no report, no sets. */
@@ -2961,7 +2966,7 @@ SB_API sb_load_options sb_default_load_options(void);
  *
  * mesh     overwritten on success (free it first when it owns arrays), untouched on failure; free it with
  *          sb_mesh_free
- * path     the format is told by the content, else by the ending. TetGen: the .node or the .ele file, the
+ * path     the format is by the content, else by the ending. TetGen: the .node or the .ele file, the
  *          other one is looked for beside it
  * options  NULL: sb_default_load_options()
  * error    may be NULL; says file and line (line 0 in binary parts, where the message has the byte offset),
@@ -3072,7 +3077,7 @@ typedef struct sb_image {
     sb_allocator allocator; /* what labels came from; zeros: malloc */
 } sb_image;
 
-/* Reads a label image; the format is told by the content.
+/* Reads a label image; the format follows from the content.
  *
  * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
  * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()
@@ -3218,7 +3223,7 @@ typedef struct sb_surface_hit {
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
- * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
+ * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block of
  * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
  * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
@@ -3488,7 +3493,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
  * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
  * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share tell how much is missing;
+ * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is missing;
  * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
  * what is missing.
  *
@@ -3631,11 +3636,11 @@ SB_API sb_real sb_material_bulk(const sb_material *material);
  * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
  * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
  * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
+ * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
- * but does not oppose inversion: it cannot tell F from its mirror image, so an inverted element may come
+ * but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
  * to rest. */
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
@@ -3695,7 +3700,7 @@ SB_API int sb_material_history_stress(const sb_material *material, sb_material_h
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
-/* The same for a material's P; P itself for SB_LINEAR: small strain does not tell the stresses apart. */
+/* The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses. */
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P);
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
@@ -4509,7 +4514,7 @@ typedef struct sb_fit_info {
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
+ * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
  * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
  * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
  * Deformations, 1984, ch. 7. */
@@ -4522,7 +4527,7 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * reading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left
  * out, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
- * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not tell from the others, or
+ * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
 SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
                                        int terms, sb_material *material, sb_fit_info *info, sb_error *error);
@@ -4717,6 +4722,7 @@ typedef struct sb_domain {
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
                                    * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    int cell_capacity;            /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
     sb_allocator allocator;
 } sb_domain;
 
@@ -5038,7 +5044,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
  *     |   ,--+------+--.   |      finite cell: cut again and again into eight where the surface goes (an octree); the
  *     |  /   |      |   \  |          points of its leaves that are inside. Exact as the level grows, as does the cost
  *     +-|----+------+----|-+      weighted cell: the eight points that a full brick has, each with the inside share of
- *     |  \   |      |   /  |          its octant as weight, from the same octree. As cheap as a plain mesh at any level
+ *     |  \   |      |   /  |          its octant as weight, from the same octree. Costs as much as a plain mesh at any level
  *     |   `--+------+--'   |
  *     +------+------+------+      [thesis of Brunet 2020, chapter 4; finite cell: Parvizian, Duester, Rank 2007]
  *
@@ -5286,18 +5292,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -5547,7 +5561,10 @@ SB_API sb_result sb_body_unlisten(sb_body *body, int id);
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
@@ -6293,11 +6310,11 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 /* ==== src/softbody/geometry/surface.h, internal ==== */
 #if !defined(SB_NO_GEOMETRY)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
+ * the nearest, only the winding number gives the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 /* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
- * winding numbers tell. 0: no memory. */
+ * winding numbers give. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
 #endif /* !defined(SB_NO_GEOMETRY) */
 
@@ -6375,6 +6392,19 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+
+/* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
+ * has changed. */
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error);
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
+/* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
+{
+    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+}
+
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
  * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
  * have had less, else 0. */
@@ -6790,7 +6820,7 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. */
+ * the next; a thread that is done helps the others. */
 static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task, void *task_user, int count)
 {
     (void)count;
@@ -6960,7 +6990,7 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
     if (result != SB_OK)
         return result;
     if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it states", what,
                         sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
     if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);
@@ -7161,7 +7191,7 @@ static FILE *sbi_output_make_beside(sb_output *out)
 
 /* ---- writing ---- */
 
-/* Opens a target that is a device, pipe, folder or open file where it stands, which tells what it cannot be; any other
+/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any other
  * through a file beside it. */
 static FILE *sbi_output_open_target(sb_output *out, const char **why)
 {
@@ -10176,7 +10206,7 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: cheap, and ordered much like the number of neighbours */
+    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
     int *mark;   /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */
@@ -11082,7 +11112,7 @@ typedef enum sbi_voxel_encoding {
 
 /* How a header describes the voxels. */
 typedef struct sbi_voxel_data {
-    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    char class_; /* i signed, u unsigned, f floating; 0: not given */
     int size;    /* bytes of a value */
     int big_endian;
     sbi_voxel_encoding encoding;
@@ -11237,7 +11267,7 @@ SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path,
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
-/* Replaces SB_FILE_AUTO by what the content or the name tells. */
+/* Replaces SB_FILE_AUTO by what the content or the name says. */
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format);
 /* Reads what the loader's reader holds; not TetGen's. */
 SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);
@@ -12550,7 +12580,7 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     return SB_FILE_AUTO;
 }
 
-/* By what the file begins with; AUTO when that tells nothing. */
+/* By what the file begins with; AUTO when that decides nothing. */
 static sb_file_format sbi_meshio_format_of_content(const sbi_reader *reader)
 {
     sbi_word word;
@@ -12897,7 +12927,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
 {
     const sb_allocator *allocator = &loader->allocator;
     size_t cut = sbi_meshio_name_ends_with(path, ".node") ? 5 : 4;
-    /* the other file's name in the same case, for file systems that tell */
+    /* the other file's name in the same case, for file systems that distinguish it */
     int capitals = path[strlen(path) - cut + 1] < 'a';
     char *nodes = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".NODE" : ".node");
     char *elements = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".ELE" : ".ele");
@@ -13909,7 +13939,7 @@ static sb_result sbi_vtk_tuples(sbi_vtk *vtk, sbi_word name, int64_t components)
 {
     const sbi_vtk_type *type = NULL;
     sb_result result = SB_OK;
-    if (components < 0) /* texture coordinates tell their own */
+    if (components < 0) /* texture coordinates state their own */
         result = sbi_reader_integer(vtk->reader, "the number of components", &components);
     if (!result)
         result = sbi_vtk_read_type(vtk, &type);
@@ -14545,7 +14575,7 @@ static sb_result sbi_split_check_triangles(sbi_split *split)
     for (int i = 1; i < (int)count && !result; i++) {
         const sbi_split_triangle *a = &triangles[order[i - 1]], *b = &triangles[order[i]];
         if (a->other != b->other && sbi_split_compare_triangles(a, b) == 0) {
-            sbi_reader place = loader->reader; /* behind the cells: its line tells nothing */
+            sbi_reader place = loader->reader; /* behind the cells: its line means nothing */
             place.binary = place.line = 0;
             place.element = a->other ? a->cell : b->cell;
             result = sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED,
@@ -17403,7 +17433,7 @@ static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int cou
     return result;
 }
 
-/* An attribute that tells the first and last point along each axis. */
+/* An attribute that holds the first and last point along each axis. */
 static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
 {
     double numbers[6] = {0, -1, 0, -1, 0, -1};
@@ -17808,7 +17838,7 @@ static int sbi_tetgen_edge_of(const sb_vec3 corners[4], sb_vec3 node)
 }
 
 /* Brings the nodes of a tet10 into our order. Releases of TetGen differ in theirs, but all put the nodes
- * into the middle of straight edges, so the geometry tells. */
+ * into the middle of straight edges, so the geometry decides. */
 static sb_result sbi_tetgen_sort_tet10(sbi_loader *loader)
 {
     sb_vec3 corners[4];
@@ -18089,7 +18119,7 @@ static sb_result sbi_stl_facet(sbi_loader *loader)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
     reader->element = (int)(loader->node_count / 3);
     if (!result)
-        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners tell it */
+        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners give it */
     if (!result)
         result = sbi_surface_expect(reader, "outer");
     if (!result)
@@ -18402,7 +18432,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
                                    sbi_word_print(word, text));
     }
     if (!result && binary < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not tell the format");
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
     sbi_reader_next_line(ply->reader);
     ply->reader->binary = binary > 0;
     return result || binary > 0 ? result : sbi_reader_check_text(ply->reader);
@@ -20143,7 +20173,7 @@ enum {
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
     SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
-    SBI_SURFACE_KNOT = -2   /* mate of an edge of several triangles, or of two that disagree on its direction */
+    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
 /* What a triangle is good for. */
@@ -20154,7 +20184,7 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
+#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
@@ -20257,7 +20287,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 
 /* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
- * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+ * surface fill coins better than boxes, so that their distances differ where those of boxes do not. */
 enum {
     SBI_COIN_CENTRE = 0,
     SBI_COIN_NORMAL = 3,
@@ -20312,7 +20342,7 @@ struct sb_surface {
     int unbalanced; /* edges not run through as often one way as the other */
     sb_vec3 *nodes;        /* [node_count] scaled */
     int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or KNOT */
+    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
     int *element;          /* [triangle_count] */
     unsigned char *shape;  /* [triangle_count] sound, thin or flat */
     unsigned char *pinched;/* [node_count] 1: parts touch in this node */
@@ -20791,7 +20821,7 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
- * much the faces agree. 0 where it means nothing: flat triangles, knots and pinched nodes. */
+ * much the faces agree. 0 where it means nothing: flat triangles, non-manifold edges and pinched nodes. */
 static void sbi_surface_refit_normal(sb_surface *s, int node)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
@@ -21231,12 +21261,12 @@ static void sbi_surface_adopt_tree(sb_surface *s, const sbi_surface_build *b)
 static int sbi_surface_ascends(const int nodes[3], int edge) { return nodes[edge] < nodes[(edge + 1) % 3]; }
 
 /* Neighbours across edges, and how many edges are out of balance. `edges`: those of triangles with three different
- * nodes; the others have knots all round. */
+ * nodes; the others have non-manifold edges all round. */
 static void sbi_surface_find_mates(sb_surface *s, const sbi_mesh_keys *edges)
 {
     for (int t = 0; t < s->triangle_count; t++)
         for (int i = 0; i < 3; i++)
-            s->mate[t][i] = SBI_SURFACE_KNOT;
+            s->mate[t][i] = SBI_SURFACE_NONMANIFOLD;
     s->unbalanced = 0;
     for (int begin = 0, end; begin < edges->sorted; begin = end) {
         int p = edges->order[begin], q, up, balance = 0;
@@ -21295,7 +21325,7 @@ static int sbi_surface_turn(const sb_surface *s, int t, int c, int limit)
     return count;
 }
 
-/* A node is pinched when its triangles are not one fan, or an edge there is a knot. */
+/* A node is pinched when its triangles are not one fan, or an edge there is non-manifold. */
 static void sbi_surface_find_pinched(sb_surface *s)
 {
     for (int v = 0; v < s->node_count; v++) {
@@ -21304,7 +21334,7 @@ static void sbi_surface_find_pinched(sb_surface *s)
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
             s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -22038,7 +22068,7 @@ static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int f
     mate = s->mate[triangle][index];
     if (mate == SBI_SURFACE_OPEN)
         return n;
-    if (mate == SBI_SURFACE_KNOT || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
+    if (mate == SBI_SURFACE_NONMANIFOLD || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
         return sb_v3(0, 0, 0);
     return sb_v3_scale((sb_real)0.5, sb_v3_add(n, sbi_surface_unit_normal(s, mate)));
 }
@@ -22055,7 +22085,7 @@ SB_API sb_vec3 sb_surface_normal(const sb_surface *surface, const sb_surface_hit
     return length > 0 ? sb_v3_scale((sb_real)1 / length, n) : n;
 }
 
-/* 1 inside, 0 outside, -1: the pseudonormal cannot tell. */
+/* 1 inside, 0 outside, -1: the pseudonormal cannot decide. */
 static int sbi_surface_side(const sb_surface *s, const sbi_surface_search *q)
 {
     sb_vec3 x[3], n = sbi_surface_pseudonormal(s, q->triangle, q->best.feature, q->best.index), d;
@@ -23180,12 +23210,12 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
 {
     place->count = count;
     for (int v = 0; count > 0 && v < s->node_count; v++) {
-        int knot = 0;
+        int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            knot = knot || mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
-        if (s->pinched[v] && !knot) {
+        if (s->pinched[v] && !nonmanifold) {
             place->node = v;
             place->element = s->element[s->fan[s->fan_start[v]] / 3];
             return;
@@ -23886,7 +23916,7 @@ typedef struct sbi_stuffing {
     sb_error *error;
     sb_vec3 low, high, origin;
     int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *told;                 /* fraction that the progress callback has heard of, over all attempts */
+    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
     sb_real half;                 /* m, half a cell */
     int n[3];                     /* cells, multiples of 2^levels */
     size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
@@ -24006,7 +24036,7 @@ typedef struct sbi_stuffing_view {
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
 SBI_API void sbi_stuffing_cut_task(void *user, int index);
-/* Runs a task over all surface points, in slices that let progress be told. */
+/* Runs a task over all surface points, in slices, between which progress is reported. */
 SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to);
 SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v);
 /* Whether a tet has angles within those of the stencils. */
@@ -24031,10 +24061,10 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 #define SBI_STUFF_ROUNDS 8
 #define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
 #define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
 #define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
-/* Brings the boundary close to the surface and tells how close it is. */
+/* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
 SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
@@ -24185,9 +24215,9 @@ SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 
 SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
-    *s->told = fraction > *s->told ? fraction : *s->told;
-    if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->told);
+    *s->reported = fraction > *s->reported ? fraction : *s->reported;
+    if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
     return SB_OK;
 }
 
@@ -24218,8 +24248,8 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
-/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
- * -1: not told; -2: the distance is not finite. */
+/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not decided; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     const sb_shape *g = s->def->shapes + shape;
@@ -25824,7 +25854,7 @@ static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int 
     return result;
 }
 
-/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+/* Round 0, 1, ... of sliding and splitting: *again: whether edges were split; then *distance is of before. */
 static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
                                               sb_real *distance)
 {
@@ -26417,7 +26447,7 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
                                    int cells[3], sb_error *error)
 {
     sbi_stuffing s;
@@ -26427,7 +26457,7 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
     s.def = def;
     s.error = error;
     s.attempt = attempt;
-    s.told = told;
+    s.reported = reported;
     result = sbi_stuffing_build(&s, mesh);
     if (result == SB_OK)
         result = sbi_stuffing_progress(&s, 0.9);
@@ -26442,15 +26472,15 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
 
 /* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
  * nearest mesh is kept. */
-static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *reported, sb_mesh *mesh, sb_real *distance,
                                         int cells[3], sb_error *error)
 {
-    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    sb_result result = sbi_stuffing_make(def, 0, reported, mesh, distance, cells, error);
     for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
         sb_mesh other;
         sb_real other_distance = 0;
         int other_cells[3];
-        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        sb_result tried = sbi_stuffing_make(def, attempt, reported, &other, &other_distance, other_cells, error);
         if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
             result = tried;
         if (tried != SB_OK)
@@ -26472,7 +26502,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     sb_mesh made, raised;
     sb_stuff_report found;
     sb_real distance = 0;
-    double told = 0;
+    double reported = 0;
     int cells[3];
     sb_result result = sbi_stuffing_check(def, mesh, error);
     if (result == SB_OK)
@@ -26481,8 +26511,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         return result;
     memset(&made, 0, sizeof made);
     memset(&found, 0, sizeof found);
-    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
-    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+    result = sbi_stuffing_make_best(def, &reported, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and the error says why */
         sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
         result = kept == SB_OK ? result : kept;
     }
@@ -27123,7 +27153,7 @@ typedef struct sbi_fit_system {
     double rest, total; /* total = |b|^2 */
 } sbi_fit_system;
 
-/* Constants that share all but this part of their influence with others are not told apart: measured data never reach
+/* Constants that share all but this part of their influence with others are not distinguished: measured data never reach
  * it, rounding does. */
 static const double sbi_fit_least_own = 1e-6;
 
@@ -27166,7 +27196,7 @@ static double sbi_fit_own(const sbi_fit_system *system, int k)
     return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
 }
 
-/* The unknown with the least part of its own, or the first that is not told apart; and that part. */
+/* The unknown with the least part of its own, or the first that is not distinguished; and that part. */
 static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
 {
     int weakest = 0;
@@ -27192,7 +27222,7 @@ static void sbi_fit_back_substitute(const sbi_fit_system *system, double *c)
 }
 
 /* Solves with the unknowns of `mask` alone, the others 0. Returns |A c - b|^2, or a negative number when they are not
- * told apart or one would not be positive. */
+ * distinguished or one would not be positive. */
 static double sbi_fit_solve_subset(const sbi_fit_system *system, int mask, double *c)
 {
     sbi_fit_system part;
@@ -38081,6 +38111,7 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
 /* ==== src/softbody/fem/domain.c ==== */
 /* domain: integration points from elements. */
 
+#include <limits.h>
 #include <string.h>
 
 SB_API void sb_domain_free(sb_domain *domain)
@@ -38423,6 +38454,96 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
     return SB_OK;
 }
 
+/* ---- a mesh that changes ---- */
+
+/* The arrays with room for so many cells; what the new slots hold is up to the caller. */
+static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *error)
+{
+    const sb_allocator *allocator = &domain->allocator;
+    size_t cells = (size_t)capacity, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t used = (size_t)domain->cell_count;
+    int *nodes = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    sb_real *gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    if (!nodes || !gradients || !weights) {
+        sbi_free(allocator, nodes);
+        sbi_free(allocator, gradients);
+        sbi_free(allocator, weights);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", capacity);
+    }
+    memcpy(nodes, domain->cells, used * n * sizeof(int));
+    memcpy(gradients, domain->gradients, used * q * n * 3 * sizeof(sb_real));
+    memcpy(weights, domain->weights, used * q * sizeof(sb_real));
+    sbi_free(allocator, domain->cells);
+    sbi_free(allocator, domain->gradients);
+    sbi_free(allocator, domain->weights);
+    domain->cells = nodes;
+    domain->gradients = gradients;
+    domain->weights = weights;
+    domain->cell_capacity = capacity;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
+{
+    if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that changes is of tet4 without masses of their own, not %s",
+                        sb_element_name(domain->element_type));
+    return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
+}
+
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error)
+{
+    int least = change->cell_end;
+    if (least <= domain->cell_capacity)
+        return SB_OK;
+    return sbi_domain_grow(domain, least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2, error);
+}
+
+static void sbi_domain_blank(sb_domain *domain, int e)
+{
+    for (int a = 0; a < 4; a++)
+        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
+    domain->weights[e] = 0;
+}
+
+/* Gradients and weight of a tet; share: of its volume. */
+static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions, sb_real share)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    sb_vec3 x[4];
+    sb_real det;
+    for (int a = 0; a < 4; a++)
+        x[a] = positions[domain->cells[4 * (size_t)e + (size_t)a]];
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_element_shape(element, points[0], NULL, local);
+    det = sbi_domain_point(4, x, (const sb_real(*)[3])local, domain->gradients + 12 * (size_t)e);
+    domain->weights[e] = share * (det * weights[0]);
+}
+
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
+{
+    for (int e = domain->cell_count; e < change->cell_end; e++)
+        sbi_domain_blank(domain, e);
+    domain->node_count = change->node_end;
+    domain->cell_count = change->cell_end;
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < change->cell_end)
+            sbi_domain_blank(domain, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        memcpy(domain->cells + 4 * (size_t)e, change->made_cell_nodes + 4 * (size_t)k, 4 * sizeof(int));
+        sbi_domain_shape(domain, e, positions, change->made_shares ? change->made_shares[k] : (sb_real)1);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++) {
+        int e = change->reshaped_cells[k];
+        sb_real share = change->reshaped_shares ? change->reshaped_shares[k] : (sb_real)1;
+        sbi_domain_shape(domain, e, positions, share);
+    }
+}
+
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
@@ -38572,7 +38693,7 @@ typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers tell */
+    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
     int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
     int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
@@ -38636,7 +38757,7 @@ SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *c
 
 SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
 
-/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+/* Runs task(work, i) for i in [0, count), by slabs, and reports progress up to `share` of the whole. */
 SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
 SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
 /* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
@@ -39982,6 +40103,7 @@ typedef struct sbi_assembly {
     sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
@@ -40090,10 +40212,18 @@ SBI_API int sbi_batch_fits(const sb_domain *domain);
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
 /* Copies the gradients into lanes. */
 SBI_API void sbi_batch_fill(sbi_assembly *assembly);
+/* A cell and two of its nodes in one number. */
+enum { SBI_PAIR_NODE_BITS = 4 };
+SB_INLINE int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 /* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
 /* Takes over the moduli of the cells' materials. */
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
+/* Gradients and moduli of one cell, or zeros of a free slot. */
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e);
+/* The rotation of a tet4; setting it sets the saved one, too. */
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
 /* The one of a cell, from that of a cell of another assembly. */
@@ -40109,6 +40239,75 @@ SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, 
 SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix *matrix);
 
 #endif /* SB_ASSEMBLY_BATCH_H */
+
+/* ==== src/softbody/fem/assembly_live.h ==== */
+/* assembly_live: an assembly of tet4 whose cells and matrix change. Floor 2, internal.
+ *
+ * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
+ * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
+ * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
+ * slots; they are coloured anew, which takes a hundredth of the next evaluation of forces. */
+#ifndef SB_ASSEMBLY_LIVE_H
+#define SB_ASSEMBLY_LIVE_H
+
+
+typedef struct sbi_assembly_live {
+    sb_allocator allocator;
+    int node_capacity, cell_capacity, block_capacity;
+    int cell_end;          /* slots before the change at hand */
+    int *corner_first;     /* [node_capacity] or -1 */
+    int *corner_next;      /* [4 cell_capacity] or -1 */
+    int *pair_first;       /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
+    int *pair_next;        /* [6 cell_capacity] by cell and pair of nodes, or -1 */
+    int *place, *last;     /* [node_capacity] scratch */
+    int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
+    unsigned char *marks;  /* [node_capacity] zeros between calls */
+    uint64_t *node_colours; /* [node_capacity] scratch */
+    sb_real *units;        /* [chunks] energy units of the chunks */
+    sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
+    sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
+    int inherited_capacity;
+    size_t stride;
+    void *memory;          /* of the arrays above */
+    void *arrays;          /* of the assembly's, once they have outgrown the place they were made in */
+} sbi_assembly_live;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Lets a prepared assembly of a live domain and a live matrix follow changes; SB_ERROR_MEMORY: nothing has changed. */
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error);
+/* Memory to follow a change that domain and matrix have room for already. */
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error);
+/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
+ * viscous memory, without a parent those of rest. */
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
+
+/* Place of a pair in pair_next. */
+SB_INLINE int sbi_live_pair_index(int pair)
+{
+    static const signed char number[16] = {0, 0, 1, 2, 0, 0, 3, 4, 1, 3, 0, 5, 2, 4, 5, 0};
+    int e = pair >> 2 * SBI_PAIR_NODE_BITS, a = pair >> SBI_PAIR_NODE_BITS & 15, b = pair & 15;
+    return 6 * e + number[4 * a + b];
+}
+/* The pair after this one in its block's ring, or -1. */
+SB_INLINE int sbi_live_next_pair(const sbi_assembly_live *live, int pair)
+{
+    return live->pair_next[sbi_live_pair_index(pair)];
+}
+
+/* ---- assembly ---- */
+
+/* Colours the chunks; node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
+/* Reals that a point remembers. */
+SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly);
+/* The energy units of all chunks, and their sum. */
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
+#endif
+
+#endif /* SB_ASSEMBLY_LIVE_H */
 
 /* ==== src/softbody/fem/assembly_batch.c ==== */
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
@@ -40143,7 +40342,8 @@ static size_t sbi_batch_rotated_size(const sb_domain *domain)
 
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
-    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t cells = (size_t)sbi_max_int(domain->cell_capacity, domain->cell_count);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
     size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
@@ -40155,6 +40355,8 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
     assembly->rotated =
         (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (domain->cell_capacity)
+        return; /* pairs are in rings */
     assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
     assembly->pairs = (int *)sbi_arena_take(arena, cells, n * (n - 1) / 2 * sizeof(int));
 }
@@ -40165,23 +40367,26 @@ static int sbi_batch_cell(const sb_domain *domain, int batch, int lane)
     return sbi_min_int(batch * SB_POLAR_LANES + lane, domain->cell_count - 1);
 }
 
+/* The gradients of a cell at a point into a lane. */
+static void sbi_batch_fill_lane(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t point = (size_t)e * q + (size_t)p, at = (size_t)batch * q + (size_t)p;
+    sb_real *out = assembly->batch_gradients + at * 3 * (n - 1) * SB_POLAR_LANES + lane;
+    for (size_t k = 3; k < 3 * n; k++, out += SB_POLAR_LANES)
+        *out = domain->gradients[point * 3 * n + k];
+}
+
 SBI_API void sbi_batch_fill(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int n = domain->nodes_per_cell, q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_gradients;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++)
-            for (int k = 3; k < 3 * n; k++)
-                for (int l = 0; l < SB_POLAR_LANES; l++) {
-                    size_t point = (size_t)sbi_batch_cell(domain, batch, l) * (size_t)q + (size_t)p;
-                    *out++ = domain->gradients[point * 3 * (size_t)n + (size_t)k];
-                }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_fill_lane(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
 }
-
-/* A cell and two of its nodes in one number. */
-enum { SBI_PAIR_NODE_BITS = 4 };
-static int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -40213,27 +40418,63 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
     start[0] = 0;
 }
 
+/* The moduli of a cell at a point into a lane. */
+static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    int q = assembly->domain->points_per_cell;
+    const sb_material *material = assembly->materials + assembly->cell_material[e];
+    sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p];
+    sb_real *out = assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES + lane;
+    out[0] = w * material->lambda;
+    out[SB_POLAR_LANES] = w * material->mu;
+    out[2 * SB_POLAR_LANES] = sb_sqrt(w * material->mu);
+}
+
+static sb_real sbi_batch_ratio(const sb_material *material) { return material->lambda / material->mu; }
+
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_moduli;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++, out += 3 * SB_POLAR_LANES)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                int e = sbi_batch_cell(domain, batch, l);
-                const sb_material *material = assembly->materials + assembly->cell_material[e];
-                sb_real w = domain->weights[(size_t)e * (size_t)q + (size_t)p];
-                out[l] = w * material->lambda;
-                out[SB_POLAR_LANES + l] = w * material->mu;
-                out[2 * SB_POLAR_LANES + l] = sb_sqrt(w * material->mu);
-            }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_set_moduli(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
     assembly->mixed = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        assembly->ratios[e] = material->lambda / material->mu;
+        assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
         assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
     }
+    /* where cells come and go the materials decide, whether a cell has them at present or not */
+    for (int i = 0; assembly->live && i < assembly->material_count; i++) {
+        sb_real ratio = sbi_batch_ratio(assembly->materials + i), first = sbi_batch_ratio(assembly->materials);
+        assembly->mixed |= ratio < first || ratio > first;
+    }
+}
+
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e)
+{
+    int batch = e / SB_POLAR_LANES, lane = e % SB_POLAR_LANES;
+    for (int p = 0; p < assembly->domain->points_per_cell; p++) {
+        sbi_batch_fill_lane(assembly, e, batch, p, lane);
+        sbi_batch_set_moduli(assembly, e, batch, p, lane);
+    }
+    assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
+}
+
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)
+{
+    const sb_real *at = assembly->batch_quats + (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + e % SB_POLAR_LANES;
+    return sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+}
+
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
+{
+    size_t at = (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(e % SB_POLAR_LANES);
+    sb_real values[4];
+    values[0] = quat.w, values[1] = quat.x, values[2] = quat.y, values[3] = quat.z;
+    for (size_t k = 0; k < 4; k++)
+        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] = values[k];
 }
 
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
@@ -40269,7 +40510,13 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin = u[cell[0]];
+        sb_vec3 origin;
+        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
+            for (int k = 0; k < 3 * (n - 1); k++)
+                d[k][l] = 0;
+            continue;
+        }
+        origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -40332,6 +40579,8 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
+        if (cell[0] < 0)
+            continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
             sum.x += f[3 * a][l], node->x += f[3 * a][l];
@@ -40753,28 +41002,45 @@ SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const 
             s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
 }
 
-/* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
-SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const int n, const int q, const int mixed,
-                                      sb_real factor, sb_real *out)
+/* What the loops over blocks know when they are compiled. */
+typedef struct sbi_batch_kind {
+    int n, q;
+    int mixed; /* 1: cells differ in lambda / mu; otherwise it can wait for the sum */
+    int live;  /* 1: pairs are in rings */
+} sbi_batch_kind;
+
+/* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
+SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
+                                         sbi_batch_row *s, sbi_batch_row *l)
+{
+    size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
+    const int q = kind.q;
+    const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
+    sbi_batch_row t[3];
+    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
+    for (int i = 0; i < 3; i++) {
+        s[i] = sbi_batch_add(s[i], t[i]);
+        if (kind.mixed)
+            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
+    }
+}
+
+/* The block of an edge. */
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const sbi_batch_kind kind, sb_real factor,
+                                      sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
     sbi_batch_row s[3], l[3];
     sb_real trace;
     for (int i = 0; i < 3; i++)
         s[i] = l[i] = sbi_batch_scale(0, zeros);
-    for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
-        int pair = assembly->pairs[p];
-        size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
-        const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
-        sbi_batch_row t[3];
-        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-        for (int i = 0; i < 3; i++) {
-            s[i] = sbi_batch_add(s[i], t[i]);
-            if (mixed)
-                l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-        }
-    }
-    for (int i = 0; !mixed && i < 3; i++)
+    if (kind.live)
+        for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
+            sbi_batch_add_pair(assembly, pair, kind, s, l);
+    else
+        for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
+    for (int i = 0; !kind.mixed && i < 3; i++)
         l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
     trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
     for (int i = 0; i < 3; i++)
@@ -40784,28 +41050,38 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
-                                           const int mixed)
+                                           const int mixed, const int live)
 {
     sb_matrix *matrix = job->matrix;
+    sbi_batch_kind kind;
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    kind.n = n;
+    kind.q = q;
+    kind.mixed = mixed;
+    kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
-            sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
+            sbi_batch_block(job->assembly, k, kind, job->factor, matrix->blocks[k]);
 }
 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = sbi_batch_is_tet4(job->assembly);
-    if (is_tet4 && job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 4, 1, 1);
+    int is_tet4 = sbi_batch_is_tet4(job->assembly), mixed = job->assembly->mixed;
+    if (job->assembly->live) {
+        if (mixed)
+            sbi_batch_upper_rows(job, index, 4, 1, 1, 1);
+        else
+            sbi_batch_upper_rows(job, index, 4, 1, 0, 1);
+    } else if (is_tet4 && mixed)
+        sbi_batch_upper_rows(job, index, 4, 1, 1, 0);
     else if (is_tet4)
-        sbi_batch_upper_rows(job, index, 4, 1, 0);
-    else if (job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 10, 4, 1);
+        sbi_batch_upper_rows(job, index, 4, 1, 0, 0);
+    else if (mixed)
+        sbi_batch_upper_rows(job, index, 10, 4, 1, 0);
     else
-        sbi_batch_upper_rows(job, index, 10, 4, 0);
+        sbi_batch_upper_rows(job, index, 10, 4, 0, 0);
 }
 
 /* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
@@ -40846,6 +41122,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 /* ==== src/softbody/fem/assembly.c ==== */
@@ -40854,6 +41131,12 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
 #include <string.h>
 
 /* ---- set-up ---- */
+
+/* Cells that arrays have room for. */
+static int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
 
 static int sbi_assembly_chunk_size(int cell_count)
 {
@@ -40865,12 +41148,13 @@ static int sbi_assembly_chunk_size(int cell_count)
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena)
 {
-    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
+    size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
+    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+        assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    chunks = (size_t)assembly->chunk_count;
+    chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
     assembly->rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
@@ -40903,7 +41187,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
     uint64_t taken = 0;
     int colour = 0;
     for (const int *node = first; node < end; node++)
-        taken |= node_colours[*node];
+        taken |= *node < 0 ? 0 : node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -40911,13 +41195,14 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        node_colours[*node] |= (uint64_t)1 << colour;
+        if (*node >= 0)
+            node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
 }
 
-static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
 {
     int *colour_of = assembly->chunk_bad_cell; /* free until the first loop runs */
     int position = 0;
@@ -40990,7 +41275,8 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        sbi_batch_list_pairs(assembly, matrix);
+        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+            sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }
     sbi_assembly_reset_rotations(assembly);
@@ -41368,6 +41654,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
+        if (cell[0] < 0)
+            continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
@@ -41426,6 +41714,8 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
     *sum = 0;
     for (int e = begin; e < end; e++) {
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+        if (sbi_domain_is_free(assembly->domain, e))
+            continue;
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
         if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
@@ -41551,6 +41841,8 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     for (int e = begin; e < end; e++) {
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
+        if (sbi_domain_is_free(job->assembly->domain, e))
+            continue;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
         if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
@@ -41635,7 +41927,7 @@ static void sbi_assembly_chunk(void *user, int index)
 /* ---- memory of materials with Prony terms ---- */
 
 /* Number of reals that a point remembers. */
-static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
 
 static size_t sbi_memory_points(const sbi_assembly *assembly)
 {
@@ -41645,7 +41937,8 @@ static size_t sbi_memory_points(const sbi_assembly *assembly)
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error)
 {
-    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
+    size_t old_stride = sbi_memory_stride(assembly), stride;
     sb_real *history, *prestress = assembly->prestress;
     if (terms <= assembly->terms)
         return SB_OK;
@@ -41660,7 +41953,7 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
                         assembly->domain->cell_count);
     }
-    for (size_t p = 0; assembly->history && p < points; p++)
+    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
         memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
     sbi_free(allocator, assembly->history);
     assembly->history = history;
@@ -41692,6 +41985,7 @@ SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator
 {
     sbi_free(allocator, assembly->history);
     sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
 }
 
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
@@ -41805,7 +42099,7 @@ static void sbi_memory_chunk(void *user, int chunk)
     sbi_assembly *assembly = job->assembly;
     for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         int index = assembly->cell_material[e];
-        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
             continue;
         if (job->u)
             sbi_memory_advance_cell(job, e);
@@ -41881,6 +42175,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
             assembly->energy_unit +=
                 domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
         }
+    if (assembly->live)
+        sbi_assembly_weigh_all(assembly);
     for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
@@ -41916,6 +42212,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
+    int bad;
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
@@ -41924,7 +42221,9 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    sbi_matrix_set_free_rows(matrix);
+    return bad;
 }
 
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)
@@ -41960,6 +42259,434 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
+}
+
+/* ==== src/softbody/fem/assembly_live.c ==== */
+/* assembly_live: rings of cells, and maps of the rows that a change touched. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
+    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
+    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+}
+
+/* Zeroed arrays of the capacities in `live`; 0: no memory. */
+static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
+    if (!live->memory)
+        return 0;
+    arena.base = (unsigned char *)live->memory;
+    arena.used = 0;
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    return 1;
+}
+
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    sb_allocator allocator;
+    if (!live)
+        return;
+    allocator = live->allocator;
+    sbi_free(&allocator, live->memory);
+    sbi_free(&allocator, live->arrays);
+    sbi_free(&allocator, live->inherited);
+    sbi_free(&allocator, live->memories);
+    sbi_free(&allocator, live);
+    assembly->live = NULL;
+}
+
+/* ---- rings ------------------------------------------------------------------------------------------------ */
+
+/* Puts a corner into the ring of its node. */
+static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at >= 0 && *at < corner)
+        at = live->corner_next + *at;
+    live->corner_next[corner] = *at;
+    *at = corner;
+}
+
+static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at != corner)
+        at = live->corner_next + *at;
+    *at = live->corner_next[corner];
+}
+
+/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
+static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
+
+/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
+static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+{
+    sbi_assembly_live *live = assembly->live;
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->place[matrix->columns[q]] = q;
+        live->last[matrix->columns[q]] = -1;
+        live->pair_first[q] = -1;
+    }
+    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
+        int e = corner / 4, a = corner % 4;
+        const int *cell = assembly->domain->cells + 4 * (size_t)e;
+        for (int b = 0; b < 4; b++) {
+            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
+            if (b >= a)
+                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
+            if (j <= i)
+                continue;
+            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
+            *next = pair;
+            live->last[j] = sbi_live_pair_index(pair);
+            live->pair_next[live->last[j]] = -1;
+        }
+    }
+}
+
+/* ---- energy units ----------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
+    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
+    sb_real sum = 0;
+    for (int e = begin; e < end; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
+    }
+    assembly->live->units[chunk] = sum;
+}
+
+static void sbi_assembly_sum_units(sbi_assembly *assembly)
+{
+    assembly->energy_unit = 0;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        assembly->energy_unit += assembly->live->units[chunk];
+}
+
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
+{
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+/* ---- making one ------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int i = 0; i < live->node_capacity; i++)
+        live->corner_first[i] = -1;
+    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
+        int node = domain->cells[corner];
+        if (node >= 0)
+            sbi_ring_add(live, node, corner);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error)
+{
+    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    if (live) {
+        if (allocator)
+            live->allocator = *allocator;
+        live->node_capacity = matrix->live->row_capacity;
+        live->cell_capacity = assembly->domain->cell_capacity;
+        live->block_capacity = matrix->live->block_capacity;
+        live->cell_end = assembly->domain->cell_count;
+    }
+    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
+        sbi_free(allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
+    }
+    assembly->live = live;
+    sbi_assembly_make_rings(assembly, matrix);
+    return SB_OK;
+}
+
+/* ---- growing ---------------------------------------------------------------------------------------------- */
+
+/* Copies what cells have from arrays that were outgrown. */
+static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
+{
+    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
+    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
+    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
+    memcpy(to->shares, from->shares, materials);
+    memcpy(to->relaxing, from->relaxing, materials);
+    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
+    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
+    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
+    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
+    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
+    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
+}
+
+/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
+static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly grown = *assembly;
+    sbi_arena arena = {NULL, 0, 0};
+    int count = assembly->chunk_count;
+    void *memory;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
+    if (!memory)
+        return 0;
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    sbi_assembly_copy_arrays(assembly, &grown);
+    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
+    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
+    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
+    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
+    sbi_free(&assembly->live->allocator, assembly->live->arrays);
+    assembly->live->arrays = memory;
+    *assembly = grown;
+    return 1;
+}
+
+/* Viscous memory for as many cells; 0: no memory. */
+static int sbi_assembly_grow_memory(sbi_assembly *assembly)
+{
+    const sb_allocator *allocator = &assembly->live->allocator;
+    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
+    size_t used = (size_t)assembly->domain->cell_count;
+    sb_real *history, *prestress;
+    if (!assembly->history)
+        return 1;
+    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
+    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        sbi_free(allocator, prestress);
+        return 0;
+    }
+    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
+    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    return 1;
+}
+
+/* Rings for the capacities of domain and matrix; 0: no memory. */
+static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live, grown = *live;
+    size_t cells = (size_t)assembly->domain->cell_count;
+    grown.node_capacity = matrix->live->row_capacity;
+    grown.cell_capacity = assembly->domain->cell_capacity;
+    grown.block_capacity = matrix->live->block_capacity;
+    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
+        return 0;
+    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
+    for (int i = live->node_capacity; i < grown.node_capacity; i++)
+        grown.corner_first[i] = -1;
+    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
+    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
+    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    sbi_free(&live->allocator, live->memory);
+    *live = grown;
+    return 1;
+}
+
+/* Places to keep what parents have; 0: no memory. */
+static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    sb_quat *inherited;
+    sb_real *memories;
+    if (count <= live->inherited_capacity && stride <= live->stride)
+        return 1;
+    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
+    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
+    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
+    if (!inherited || !memories) {
+        sbi_free(&live->allocator, inherited);
+        sbi_free(&live->allocator, memories);
+        return 0;
+    }
+    sbi_free(&live->allocator, live->inherited);
+    sbi_free(&live->allocator, live->memories);
+    live->inherited = inherited;
+    live->memories = memories;
+    live->inherited_capacity = count;
+    live->stride = stride;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error)
+{
+    sbi_assembly_live *live = assembly->live;
+    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
+    if (more_cells)
+        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
+                 live->block_capacity < matrix->live->block_capacity))
+        made = sbi_assembly_grow_rings(assembly, matrix);
+    if (made)
+        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
+}
+
+/* ---- following -------------------------------------------------------------------------------------------- */
+
+/* Keeps rotations and memories of the parents before any slot is used again. */
+static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int parent = change->made_parents ? change->made_parents[k] : -1;
+        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
+        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
+        if (stride && parent >= 0)
+            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
+                   stride * sizeof(sb_real));
+        else if (stride)
+            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
+    }
+}
+
+/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
+static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
+{
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
+    sbi_batch_set_quat(assembly, e, rotations[1]);
+    if (!stride)
+        return;
+    if (memory)
+        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
+    else
+        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
+    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
+}
+
+static void sbi_assembly_blank(sbi_assembly *assembly, int e)
+{
+    sb_quat rotations[2];
+    rotations[0] = rotations[1] = sb_quat_identity();
+    sbi_assembly_set_history(assembly, e, rotations, NULL);
+    sbi_batch_set_cell(assembly, e);
+}
+
+static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
+{
+    const sb_domain *domain = assembly->domain;
+    const sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int e = old_end; e < domain->cell_count; e++) {
+        assembly->live->units[e / assembly->chunk_size] = -1;
+        sbi_assembly_blank(assembly, e);
+    }
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < domain->cell_count)
+            sbi_assembly_blank(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
+        sbi_batch_set_cell(assembly, e);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
+}
+
+static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
+{
+    if (live->marks[i])
+        return;
+    live->marks[i] = 1;
+    live->rows[live->row_count++] = i;
+}
+
+/* Rings of the nodes, and the list of rows whose maps change. */
+static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    live->row_count = 0;
+    for (int k = 0; k < 4 * change->removed_cell_count; k++) {
+        int node = change->removed_cell_nodes[k];
+        sbi_ring_remove(live, node, 4 * change->removed_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < 4 * change->made_cell_count; k++) {
+        int node = change->made_cell_nodes[k];
+        sbi_ring_add(live, node, 4 * change->made_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        sbi_assembly_mark_row(live, matrix->live->touched[k]);
+    for (int k = 0; k < live->row_count; k++) {
+        live->marks[live->rows[k]] = 0;
+        if (live->rows[k] < matrix->row_count)
+            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    }
+}
+
+static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+{
+    for (int k = 0; k < count; k++)
+        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+}
+
+/* Energy units of chunks with changed cells. */
+static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (assembly->live->units[chunk] < 0)
+            sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    const sb_domain *domain = assembly->domain;
+    int old_end = assembly->live->cell_end;
+    sbi_assembly_read_parents(assembly, change);
+    assembly->live->cell_end = domain->cell_count;
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    sbi_assembly_follow_cells(assembly, change, old_end);
+    sbi_assembly_follow_rings(assembly, matrix, change);
+    sbi_assembly_follow_units(assembly, change);
+    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    if (assembly->viscous)
+        sbi_assembly_begin_step(assembly, 0);
 }
 
 /* ==== src/softbody/body/elimination.h ==== */
@@ -42750,7 +43477,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -42778,6 +43505,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -42995,7 +43725,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;
@@ -43179,7 +43912,7 @@ typedef struct sbi_change_lists {
     int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
-    sb_real *source_weights, *heir_weights, *made_shares;
+    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
 } sbi_change_lists;
 
@@ -44081,7 +44814,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -44092,14 +44825,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -44140,62 +44894,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -44209,6 +44991,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
@@ -45427,20 +46226,19 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -45448,6 +46246,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -45840,7 +46643,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -45882,7 +46685,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
@@ -47398,6 +48201,7 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->made_parents = (int *)sbi_arena_take(arena, come, sizeof(int));
     lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
     lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
+    lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -47481,8 +48285,10 @@ static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_liv
             int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
-            if (stays)
-                lists->reshaped_cells[out->reshaped_cell_count++] = e;
+            if (!stays)
+                continue;
+            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            lists->reshaped_cells[out->reshaped_cell_count++] = e;
         }
     }
 }
@@ -47608,6 +48414,7 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
     out->reshaped_cells = lists->reshaped_cells;
+    out->reshaped_shares = lists->reshaped_shares;
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
         result = sbi_change_check_removed(body, mesh, out, error);
@@ -56923,7 +57730,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -57203,7 +58011,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)

@@ -175,6 +175,12 @@ static void live_mesh_remove(live_mesh *m, int cell)
     }
 }
 
+/* 1: an operation may need more slots than there are. */
+static int live_mesh_is_full(const live_mesh *m)
+{
+    return m->node_room - m->node_end + m->free_node_count < 1 || m->cell_room - m->cell_end + m->free_cell_count < 64;
+}
+
 /* One operation at random, as far as there is room. */
 static void live_mesh_operate(live_mesh *m, unsigned long long *seed)
 {
@@ -187,7 +193,7 @@ static void live_mesh_operate(live_mesh *m, unsigned long long *seed)
     first = (int)check_random_in(seed, 0, 3.999);
     nodes[0] = m->cells[cell][first];
     nodes[first] = m->cells[cell][0];
-    if (m->node_end + 1 >= m->node_room || m->cell_end + 64 >= m->cell_room || kind < 0.3)
+    if (live_mesh_is_full(m) || kind < 0.3)
         live_mesh_remove(m, cell);
     else if (kind < 0.8)
         live_mesh_split(m, nodes, kind < 0.5 ? 2 : kind < 0.65 ? 3 : 4);

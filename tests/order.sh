@@ -18,11 +18,18 @@ needle/tissue_matrix needle/tissue_precond
 needle/tissue_precond needle/tissue_step
 register/match_step register/match
 register/nicp_step register/nicp
+softbody/body/body_material softbody/body/body
+softbody/body/body_read softbody/body/body
+softbody/body/step_residual softbody/body/step_system
 softbody/fem/assembly_batch softbody/fem/assembly
+softbody/mesh/image_files softbody/mesh/image
+softbody/mesh/meshio_vtk softbody/mesh/image
+softbody/mesh/meshio_vtu softbody/mesh/image
 softbody/solve/multigrid_coarsest softbody/solve/multigrid
 softbody/solve/multigrid_island softbody/solve/multigrid
 softbody/solve/precond_coarse softbody/solve/precond
 softbody/solve/precond_lower softbody/solve/precond
+softbody/solve/sparse softbody/solve/sparse_live
 END
 
 report() { # report FILE NAME: counts a check that is good when FILE is empty

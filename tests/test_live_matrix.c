@@ -3,10 +3,11 @@
 #define SB_STATIC
 #define SB_ELEMENT SB_TET4
 #define SB_IMPLEMENTATION
-#include "softbody.h"
+#include "../softbody.h"
 
 #include "check.h"
 #include "live_mesh.h"
+#include "scene.h"
 
 /* ---- helpers ---- */
 
@@ -293,6 +294,270 @@ static void test_parts(void)
     live_mesh_free(&before);
 }
 
+/* ---- assemblies ---- */
+
+/* What a body has below it. */
+typedef struct rooms {
+    sb_domain domain;
+    sb_matrix matrix;
+    sbi_assembly assembly;
+    sb_material materials[2];
+    int *cell_material;
+    void *memory;
+} rooms;
+
+static void rooms_free(rooms *r)
+{
+    sbi_assembly_free_memory(&r->assembly, NULL);
+    sb_matrix_free(&r->matrix);
+    sb_domain_free(&r->domain);
+    free(r->cell_material);
+    free(r->memory);
+}
+
+/* The cells in use as a mesh of its own; node_of [node_end] the number that each node has there, or -1. */
+static sb_mesh compact_mesh(const live_mesh *m, int *node_of)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TET4;
+    mesh.nodes = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *mesh.nodes);
+    mesh.elements = (int *)malloc((size_t)m->cell_end * 4 * sizeof(int));
+    for (int i = 0; i < m->node_end; i++) {
+        node_of[i] = m->births[i] ? mesh.node_count : -1;
+        if (m->births[i])
+            mesh.nodes[mesh.node_count++] = m->X[i];
+    }
+    for (int e = 0; e < m->cell_end; e++)
+        if (m->cells[e][0] >= 0)
+            for (int v = 0; v < 4; v++)
+                mesh.elements[4 * mesh.element_count + v] = node_of[m->cells[e][v]],
+                mesh.element_count += v == 3;
+    return mesh;
+}
+
+static void prepare(rooms *r, int viscous, int model)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    uint64_t *colours = (uint64_t *)malloc((size_t)r->domain.node_count * sizeof *colours);
+    r->materials[0] = sb_material_corotated(REAL(5e3), REAL(0.4), 1000);
+    r->materials[1] = sb_material_corotated(REAL(2e4), REAL(0.45), 1000);
+    if (model == 2)
+        r->materials[1] = sb_material_neo_hookean(REAL(2e4), REAL(0.45), 1000);
+    if (viscous)
+        for (int k = 0; k < 2; k++) {
+            r->materials[k].prony_count = 1;
+            r->materials[k].prony_g[0] = REAL(0.5);
+            r->materials[k].prony_tau[0] = REAL(0.1);
+        }
+    sbi_assembly_layout(&r->assembly, &r->domain, r->matrix.block_count, 2, &arena);
+    r->memory = calloc(arena.used, 1);
+    arena.base = (unsigned char *)r->memory;
+    arena.used = 0;
+    sbi_assembly_layout(&r->assembly, &r->domain, r->matrix.block_count, 2, &arena);
+    sbi_assembly_prepare(&r->assembly, &r->matrix, colours);
+    if (r->domain.cell_capacity)
+        CHECK_OK(sbi_assembly_make_live(&r->assembly, &r->matrix, NULL, NULL));
+    if (viscous)
+        CHECK_OK(sbi_assembly_reserve_memory(&r->assembly, 1, NULL, NULL));
+    sbi_assembly_set_materials(&r->assembly, r->materials, 1 + (model > 0), r->cell_material);
+    free(colours);
+}
+
+/* Cells are of the first material or, where their slots say so and model is not 0, of the second. */
+static int material_of(int slot, int model) { return model > 0 && slot % 3 == 0; }
+
+/* A compact assembly of the cells in use. */
+static void rooms_compact(rooms *r, const live_mesh *m, int model)
+{
+    int *node_of = (int *)malloc((size_t)m->node_end * sizeof(int)), count = 0;
+    sb_mesh mesh = compact_mesh(m, node_of);
+    memset(r, 0, sizeof *r);
+    CHECK_OK(sb_domain_create(&mesh, SB_INTEGRATION_AUTO, 0, NULL, &r->domain, NULL));
+    CHECK_OK(sb_matrix_create(mesh.node_count, mesh.element_count, 4, NULL, mesh.elements, NULL, &r->matrix, NULL));
+    r->cell_material = (int *)malloc((size_t)m->cell_end * sizeof(int));
+    for (int e = 0; e < m->cell_end; e++)
+        if (m->cells[e][0] >= 0)
+            r->cell_material[count++] = material_of(e, model);
+    prepare(r, 0, model);
+    free(mesh.nodes);
+    free(mesh.elements);
+    free(node_of);
+}
+
+/* A live assembly of the mesh with its free slots, made at once. */
+static void rooms_live(rooms *r, const live_mesh *m, double slack, int viscous, int model)
+{
+    int *node_of = (int *)malloc((size_t)m->node_end * sizeof(int)), count = 0;
+    sb_mesh mesh = compact_mesh(m, node_of);
+    memset(r, 0, sizeof *r);
+    CHECK_OK(sb_domain_create(&mesh, SB_INTEGRATION_AUTO, 0, NULL, &r->domain, NULL));
+    CHECK_OK(sbi_domain_make_live(&r->domain, (int)((1 + slack) * m->cell_end), NULL));
+    r->domain.node_count = m->node_end;
+    r->domain.cell_count = m->cell_end;
+    for (int e = 0; e < m->cell_end; e++)
+        count += m->cells[e][0] >= 0;
+    for (int e = m->cell_end; e-- > 0;) { /* from the last on: slots are behind the cells that they take */
+        sb_real *gradients = r->domain.gradients + 12 * e;
+        if (m->cells[e][0] >= 0) {
+            memmove(gradients, r->domain.gradients + 12 * --count, 12 * sizeof(sb_real));
+            r->domain.weights[e] = r->domain.weights[count];
+            memcpy(r->domain.cells + 4 * e, m->cells[e], sizeof m->cells[e]);
+        } else {
+            memset(gradients, 0, 12 * sizeof(sb_real));
+            r->domain.weights[e] = 0;
+            memset(r->domain.cells + 4 * e, 255, sizeof m->cells[e]);
+        }
+    }
+    r->matrix = live_matrix(m, slack, NULL);
+    r->cell_material = (int *)malloc((size_t)m->cell_room * sizeof(int));
+    for (int e = 0; e < m->cell_room; e++)
+        r->cell_material[e] = material_of(e, model);
+    prepare(r, viscous, model);
+    free(mesh.nodes);
+    free(mesh.elements);
+    free(node_of);
+}
+
+static void rooms_change(rooms *r, const live_change *c, const sb_vec3 *X)
+{
+    CHECK_OK(sbi_domain_reserve(&r->domain, &c->change, NULL));
+    CHECK_OK(sbi_matrix_reserve(&r->matrix, &c->change, NULL, NULL));
+    CHECK_OK(sbi_assembly_reserve(&r->assembly, &r->matrix, &c->change, NULL));
+    sbi_domain_follow(&r->domain, &c->change, X);
+    sbi_matrix_follow(&r->matrix, &c->change, NULL);
+    sbi_assembly_follow(&r->assembly, &r->matrix, &c->change);
+}
+
+/* A displacement that depends on place only: a bend with some twist. */
+static sb_vec3 displacement(sb_vec3 X)
+{
+    return sb_v3(X.y * X.z * 4, X.x * X.x * 6 - X.z / 5, X.x * X.y * 3 + X.y / 9);
+}
+
+static sb_vec3 *displacements(const live_mesh *m)
+{
+    sb_vec3 *u = (sb_vec3 *)calloc((size_t)m->node_end, sizeof *u);
+    for (int i = 0; i < m->node_end; i++)
+        if (m->births[i])
+            u[i] = displacement(m->X[i]);
+    return u;
+}
+
+/* Blocks of the tangent to the last bit, forces nearly: the order of their sums depends on slots. */
+static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
+{
+    rooms compact;
+    int *node_of = (int *)malloc((size_t)m->node_end * sizeof(int)), wrong = 0;
+    sb_mesh mesh = compact_mesh(m, node_of);
+    sb_vec3 *u = displacements(m), *v = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof *v);
+    sb_vec3 *f = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *f), *g = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *g);
+    sb_real largest = 0, error = 0, energies[2];
+    sb_tangent_kind kind = model == 2 ? SB_TANGENT_EXACT : SB_TANGENT_QUASI;
+    rooms_compact(&compact, m, model);
+    for (int i = 0; i < mesh.node_count; i++)
+        v[i] = displacement(mesh.nodes[i]);
+    sbi_assembly_reset_rotations(&live->assembly);
+    CHECK_INT(sbi_assembly_force(&live->assembly, u, f), -1);
+    CHECK_INT(sbi_assembly_force(&compact.assembly, v, g), -1);
+    CHECK_INT(sbi_assembly_tangent(&live->assembly, u, kind, 1, &live->matrix), -1);
+    CHECK_INT(sbi_assembly_tangent(&compact.assembly, v, kind, 1, &compact.matrix), -1);
+    sbi_assembly_energy(&live->assembly, u, energies);
+    sbi_assembly_energy(&compact.assembly, v, energies + 1);
+    CHECK_NEAR(energies[0], energies[1], 100 * SB_EPSILON * energies[1]);
+    CHECK_NEAR(live->assembly.energy_unit, compact.assembly.energy_unit, 100 * SB_EPSILON * compact.assembly.energy_unit);
+    for (int i = 0; i < m->node_end; i++) {
+        int j = node_of[i], q = live->matrix.row_start[i], p = j < 0 ? 0 : compact.matrix.row_start[j];
+        if (j < 0) {
+            wrong += f[i].x != 0 || f[i].y != 0 || f[i].z != 0;
+            continue;
+        }
+        largest = sb_max(largest, sb_v3_norm(g[j]));
+        error = sb_max(error, sb_v3_norm(sb_v3_sub(f[i], g[j])));
+        for (; q < live->matrix.row_end[i]; q++, p++) {
+            if (model == 2) /* colours decide the order */
+                for (int k = 0; k < 9; k++)
+                    wrong += sb_abs(live->matrix.blocks[q][k] - compact.matrix.blocks[p][k]) >
+                             1000 * SB_EPSILON * (sb_abs(compact.matrix.blocks[p][k]) + compact.materials[1].mu / 100);
+            else
+                wrong += memcmp(live->matrix.blocks[q], compact.matrix.blocks[p], sizeof live->matrix.blocks[q]) != 0;
+        }
+    }
+    CHECK_INT(wrong, 0);
+    CHECK(error <= 200 * SB_EPSILON * largest);
+    free(mesh.nodes);
+    free(mesh.elements);
+    free(node_of);
+    free(u);
+    free(v);
+    free(f);
+    free(g);
+    rooms_free(&compact);
+}
+
+/* All bits of forces, tangent, colours are those of an assembly made at once with the same slots. */
+static void check_same_as_fresh(rooms *live, const live_mesh *m, int model)
+{
+    rooms fresh;
+    sb_vec3 *u = displacements(m), *f = (sb_vec3 *)malloc(2 * (size_t)m->node_end * sizeof *f);
+    size_t count = (size_t)m->node_end;
+    rooms_live(&fresh, m, 0, 0, model);
+    sbi_assembly_reset_rotations(&live->assembly);
+    sbi_assembly_force(&live->assembly, u, f);
+    sbi_assembly_force(&fresh.assembly, u, f + count);
+    CHECK(memcmp(f, f + count, count * sizeof *f) == 0);
+    CHECK(memcmp(&live->assembly.energy_unit, &fresh.assembly.energy_unit, sizeof(sb_real)) == 0);
+    if (live->assembly.batched) {
+        CHECK_INT(sbi_assembly_multiply(&live->assembly, u, f), 1);
+        sbi_assembly_multiply(&fresh.assembly, u, f + count);
+        CHECK(memcmp(f, f + count, count * sizeof *f) == 0);
+    }
+    sbi_assembly_tangent(&live->assembly, u, SB_TANGENT_QUASI, 1, &live->matrix);
+    sbi_assembly_tangent(&fresh.assembly, u, SB_TANGENT_QUASI, 1, &fresh.matrix);
+    sb_matrix_multiply(&live->matrix, &u->x, &f->x, NULL);
+    sb_matrix_multiply(&fresh.matrix, &u->x, &f[count].x, NULL);
+    CHECK(memcmp(f, f + count, count * sizeof *f) == 0);
+    free(u);
+    free(f);
+    rooms_free(&fresh);
+}
+
+/* Random changes, some taken back; model 0: one corotated material, 1: two, 2: one corotated, one neo-Hookean. */
+static void check_assembly(int model)
+{
+    live_mesh m = live_mesh_box(3, 3, 4, 3), before = live_mesh_make(m.node_room, m.cell_room);
+    rooms r;
+    unsigned long long seed = 21 + (unsigned long long)model;
+    rooms_live(&r, &m, 0.05, 0, model);
+    for (int k = 0; k < (check_quick() ? 30 : 150) && !check.failures; k++) {
+        live_change c;
+        live_mesh_begin(&m);
+        live_mesh_copy(&before, &m);
+        for (int op = 0; op < 3; op++)
+            live_mesh_operate(&m, &seed);
+        c = live_mesh_difference(&before, &m, 0);
+        rooms_change(&r, &c, m.X);
+        live_change_free(&c);
+        if (k % 3 == 0) {
+            c = live_mesh_difference(&m, &before, 1);
+            rooms_change(&r, &c, before.X);
+            live_change_free(&c);
+            live_mesh_copy(&m, &before);
+        }
+        check_same_as_compact(&r, &m, model);
+        check_same_as_fresh(&r, &m, model);
+    }
+    rooms_free(&r);
+    live_mesh_free(&m);
+    live_mesh_free(&before);
+}
+
+static void test_assembly(void) { check_assembly(0); }
+static void test_assembly_of_two(void) { check_assembly(1); }
+static void test_assembly_of_any(void) { check_assembly(2); }
+
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
             {"changes taken back", test_undo}, {"couplings of others", test_other_couplings},
-            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts});
+            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts},
+            {"assembly", test_assembly}, {"assembly of two materials", test_assembly_of_two},
+            {"assembly of any material", test_assembly_of_any});

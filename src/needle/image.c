@@ -5,13 +5,13 @@ NDLI_API sb_result ndli_image_check(const void *buffer, size_t size, const char 
                                     sb_error *error)
 {
     const unsigned char *image = (const unsigned char *)buffer;
-    uint64_t told;
+    uint64_t written;
     if (!buffer)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "buffer is NULL");
     if (size >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL) {
-        told = sbi_get_bytes(image + 16, 8);
-        if (told >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && told < (uint64_t)size)
-            size = (size_t)told;
+        written = sbi_get_bytes(image + 16, 8);
+        if (written >= SBI_IMAGE_HEAD + SBI_IMAGE_TAIL && written < (uint64_t)size)
+            size = (size_t)written;
     }
     return sbi_image_check(image, size, magic, NDLI_IMAGE_VERSION, what, error);
 }

@@ -85,7 +85,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle);
 
 /* Where a tip looks in space: where its path goes on, where that is known better than by the last edge. */
 NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle);
-/* After a substep: the tip enters, goes on, or back; needle->advance tells how far. What could not be done holds the tip
+/* After a substep: the tip enters, goes on, or back; needle->advance says how far. What could not be done holds the tip
  * and is no failure, but for SB_ERROR_UNSUPPORTED: another needle's element is in the way. */
 NDLI_API sb_result ndli_needle_follow_tip(ndl_needle *needle, ndl_remesh_info *done, sb_error *error);
 

@@ -407,7 +407,7 @@ NDLI_API void ndli_rod_rest_changed(ndl_rod *rod)
 static int ndli_rod_has_node(const ndl_rod *rod, int node) { return node >= 0 && node < rod->node_count; }
 
 /* Where a new support or load begins the energy may become another. */
-static void ndli_rod_touched(ndl_rod *rod) { rod->ledger_open = 0; }
+static void ndli_rod_touched(ndl_rod *rod) { rod->energy_monitored = 0; }
 
 static void ndli_rod_set_target(ndl_rod *rod, int node, ndli_v3 position, const ndli_v3 *velocity)
 {

@@ -1,7 +1,7 @@
 /* rod: a discrete elastic rod: a needle's stretching, bending and twisting, with or without tissue. Floor 6.
  *
  * A rod is a chain of nodes x_0 (base) ... x_n-1 (tip) and the edges e_j = x_j+1 - x_j between them. Each edge carries
- * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which tells how the rod is turned about its own
+ * a material frame (m1, m2, t): t along the edge, m1 and m2 across it, which says how the rod is turned about its own
  * axis. Twist runs along a rod faster than anything a step resolves, so frames have no inertia: they always minimise
  * the energy (Bergou et al. 2008, "Discrete elastic rods"; 2010 for the frames carried in time). */
 #ifndef NDL_ROD_H
@@ -115,7 +115,7 @@ NDL_API sb_result ndl_rod_set_damping(ndl_rod *rod, sb_real stretch, sb_real ben
  * 0: none, the default) that slips at the torque `limit` (N m, >= 0). In each motion it is wound by the turn of the
  * material frame beyond what the edge's own way asks for. It replaces the grip before: a stiffer one keeps the torque
  * (what comes to it is not yet wound), a softer one how far it is wound, both up to the new limit. For a grip per
- * length give both times the edge's length. When edges are split, merged or told anew, their halves, sums or shares
+ * length give both times the edge's length. When edges are split, merged or set anew, their halves, sums or shares
  * follow. */
 NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb_real limit);
 

@@ -3,7 +3,7 @@
  *
  * A spring is wound by lag = theta - anchor, and its potential is convex: 1/2 k lag^2 up to the lag limit/k, straight
  * beyond. Minimising it together with twist and bending from the anchors of the last state is one implicit step of the
- * plastic flow; the anchors then follow what has slipped. Where the frame that theta is told from turns by itself
+ * plastic flow; the anchors then follow what has slipped. Where the frame that theta is measured from turns by itself
  * (folded reference twist, other nodes), theta and anchor change alike. */
 #include "rod_private.h"
 
@@ -64,7 +64,7 @@ NDLI_API void ndli_rod_set_grip(ndl_rod *rod, int edge, double stiffness, double
     if (stiffness * fabs(lag) > limit)
         lag = ndli_rod_grip_moment(rod, edge, lag) / stiffness;
     rod->anchor[edge] = rod->theta[edge] - lag;
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
 }
 
 NDLI_API void ndli_rod_turn_base(ndl_rod *rod, double angle) { rod->theta[0] += angle; }

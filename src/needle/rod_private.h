@@ -73,11 +73,11 @@ struct ndl_rod {
 
     sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
 
-    int ledger_open;         /* 1: ledger is the energy (J) when supports or loads last changed */
-    double ledger;
+    int energy_monitored;    /* 1: energy_before is the energy (J) when supports or loads last changed */
+    double energy_before;
 
     /* what follows holds nothing between calls */
-    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains told from those below */
+    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains measured from those below */
     double *old_length;      /* [edges] (m) */
     ndli_v3 *old_binormal;   /* [nodes] */
     double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
@@ -179,7 +179,7 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its first
  * edge stays. */
 NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */

@@ -1,5 +1,5 @@
 /* rod_reshape: other nodes on a rod's own curve. Needles slide along the nodes of their tissue: after a step the
- * coupled nodes go back to these, and what the rod carries is told anew at where they are.
+ * coupled nodes go back to these, and what the rod carries is measured anew where they are.
  *
  * Arc distances of the new polyline are scaled to the old one's, so that both ends agree; between the ends of a
  * clamped base edge and beyond it by a scale of their own, so that the clamp keeps its edge. Interpolation is Akima's
@@ -255,7 +255,7 @@ static int ndli_rod_interpolate_curvature(const ndl_rod *rod, ndli_rod_reshape *
     return -1;
 }
 
-/* Director and angle of the new edges. Angles are told from a frame that parallel transport lays along the polyline,
+/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the polyline,
  * and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
 static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *reshape)
 {
@@ -365,7 +365,7 @@ NDLI_API int ndli_rod_reparameterise(ndl_rod *rod, const ndli_v3 *positions, int
     ndli_rod_interpolate_frames(rod, &reshape);
     ndli_rod_spread_grip(rod, reshape.old_at, reshape.at, count, &reshape.grip);
     ndli_rod_take_reshape(rod, &reshape);
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
     ndli_rod_relax(rod);
     ndli_rod_slip(rod);
     return -1;

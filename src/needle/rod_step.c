@@ -505,11 +505,11 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
 static int ndli_rod_gained(ndl_rod *rod)
 {
     double lively, energy = ndli_rod_total_energy(rod, &lively);
-    return energy - rod->ledger > 0.01 * lively;
+    return energy - rod->energy_before > 0.01 * lively;
 }
 
-/* Opens or closes the ledger; 1 when it may be held against the step. */
-static int ndli_rod_keep_ledger(ndl_rod *rod)
+/* Starts or ends the energy monitor; 1 when it may be held against the step. */
+static int ndli_rod_monitor_energy(ndl_rod *rod)
 {
     double lively;
     int busy = ndli_rod_any_torque(rod) || rod->base_director_set;
@@ -517,10 +517,10 @@ static int ndli_rod_keep_ledger(ndl_rod *rod)
         busy = busy || rod->turn[i] != 0 ||
                (rod->held[i] && (rod->has_velocity[i] || ndli_norm(ndli_sub(rod->target[i], rod->x[i])) > 0));
     if (busy) {
-        rod->ledger_open = 0;
-    } else if (!rod->ledger_open) {
-        rod->ledger = ndli_rod_total_energy(rod, &lively);
-        rod->ledger_open = 1;
+        rod->energy_monitored = 0;
+    } else if (!rod->energy_monitored) {
+        rod->energy_before = ndli_rod_total_energy(rod, &lively);
+        rod->energy_monitored = 1;
     }
     return !busy;
 }
@@ -551,7 +551,7 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info)
         return ndli_rod_fail(info, SB_ERROR_ARGUMENT, "rod is NULL, or dt is not above 0");
     if (!ndli_rod_any_turn_held(rod) && ndli_rod_any_torque(rod))
         return ndli_rod_fail(info, SB_ERROR_UNCONSTRAINED, "a torque acts, but no edge is held against turning");
-    watched = ndli_rod_keep_ledger(rod);
+    watched = ndli_rod_monitor_energy(rod);
     ndli_rod_save(rod);
     result = ndli_rod_try_step(rod, (double)dt, 0, info);
     if (watched && (result != SB_OK || ndli_rod_gained(rod))) {
@@ -619,7 +619,7 @@ static sb_result ndli_rod_solve_pieces(ndl_rod *rod, const ndl_rod_static_option
         result = ndli_rod_solve_piece(rod, &problem, 1.0 / (pieces - piece), info);
     problem.tolerance = (double)options->tolerance;
     for (int done = 0; result == SB_OK && done < most; done += problem.max_newton) {
-        /* frames are told from where the last round ended: none may turn far between two */
+        /* frames are measured from where the last round ended: none may turn far between two */
         problem.max_newton = sbi_max_int(2, sbi_min_int(10, most - done));
         result = ndli_rod_solve_piece(rod, &problem, 1, info);
         rod->base_director_set = 0;
@@ -663,7 +663,7 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
     ndli_rod_clear_turns(rod);
     ndli_rod_slip(rod);
     ndli_rod_read_reactions(rod);
-    rod->ledger_open = 0;
+    rod->energy_monitored = 0;
     ndli_rod_publish(rod);
     info->error.element = info->error.node = -1;
     return SB_OK;

@@ -757,8 +757,8 @@ NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer)
 
 typedef struct ndli_rod_head {
     double stretch, bending[2], torsion, line_density, tolerance; /* the make */
-    double gravity[3], damping_stretch, damping_bending, base_director[3], ledger;
-    int order, max_newton, node_count, plain, base_director_set, ledger_open, grips;
+    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
+    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
     int none; /* fills the head up to whole doubles */
 } ndli_rod_head;
 
@@ -771,13 +771,13 @@ static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
     h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
     h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
     h->base_director[2] = rod->base_director.z;
-    h->ledger = rod->ledger;
+    h->energy_before = rod->energy_before;
     h->order = NDLI_IMAGE_ORDER;
     h->max_newton = rod->max_newton;
     h->node_count = rod->node_count;
     h->plain = rod->plain;
     h->base_director_set = rod->base_director_set;
-    h->ledger_open = rod->ledger_open;
+    h->energy_monitored = rod->energy_monitored;
     h->grips = rod->grips;
 }
 
@@ -786,11 +786,11 @@ static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
     rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
     rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
     rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
-    rod->ledger = h->ledger;
+    rod->energy_before = h->energy_before;
     rod->node_count = h->node_count;
     rod->plain = h->plain;
     rod->base_director_set = h->base_director_set;
-    rod->ledger_open = h->ledger_open;
+    rod->energy_monitored = h->energy_monitored;
     rod->grips = h->grips;
 }
 
@@ -879,7 +879,7 @@ static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t s
     if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
         ndli_rod_measure(rod, head.node_count, &flags) != told ||
         !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
-        !ndli_state_is_flag(head.ledger_open))
+        !ndli_state_is_flag(head.energy_monitored))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
     for (size_t at = 0; at < flags; at += sizeof(double)) {
         double value;

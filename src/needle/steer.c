@@ -58,7 +58,7 @@ NDL_API sb_result ndl_steer_begin(const ndl_steer_def *def, ndl_steer *steer, sb
  * times as fast as what is measured. It never goes beyond that: to count on more bend than there is ends beside the
  * target, to count on less costs a longer way. */
 
-static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise tells more on it */
+static const double ndli_steer_memory = 2; /* of the curvature, in lengths of def.learn: noise has more effect on it */
 static const double ndli_steer_seen_bend = 0.05; /* rad: more than noise, and less than 1 cm of most needles */
 static const double ndli_steer_most_drift = 0.3;
 

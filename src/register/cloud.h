@@ -39,7 +39,7 @@ REG_API sb_result reg_cloud_from_mesh(reg_cloud *cloud, const sb_mesh *mesh, con
                                       sb_error *error);
 
 typedef enum reg_cloud_format {
-    REG_CLOUD_AUTO = 0, /* told by the content, else by the end of the name */
+    REG_CLOUD_AUTO = 0, /* by the content, else by the end of the name */
     REG_CLOUD_XYZ = 1,  /* text: a point per line, `x y z` or `x y z nx ny nz` between blanks, or commas, or
                          * semicolons; between semicolons decimal commas are read as well. A line that could mean two
                          * things (`0,5 0,25 1,5`) is an error. More columns are left alone, and so are columns 4 to 6

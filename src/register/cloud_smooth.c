@@ -39,7 +39,7 @@ typedef struct regi_smooth_sums {
     sb_real matrix[REGI_SMOOTH_TERMS * REGI_SMOOTH_TERMS], right[REGI_SMOOTH_TERMS];
 } regi_smooth_sums;
 
-/* The nearest points that may tell of a point's place: no outliers, not of a surface that faces the other way. */
+/* The nearest points that may be used to place a point: no outliers, not of a surface that faces the other way. */
 static int regi_smooth_neighbours(const regi_smooth *s, int point, int with_itself, int wanted, int *near)
 {
     int found[REGI_SMOOTH_ASKED], asked = sbi_min_int(2 * wanted, REGI_SMOOTH_ASKED), count, kept = 0;
@@ -144,7 +144,7 @@ static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *
     return median;
 }
 
-/* How far a point is from the surface that its neighbours tell of. */
+/* How far a point is from the surface that its neighbours define. */
 static void regi_smooth_judge(const regi_smooth *s, int point)
 {
     int near[REGI_SMOOTH_LEAST], count = regi_smooth_neighbours(s, point, 0, REGI_SMOOTH_LEAST, near);
@@ -398,7 +398,7 @@ REG_API sb_result reg_cloud_smooth(reg_cloud *cloud, const sb_jobs *jobs, reg_sm
 }
 
 /* Marks nodes whose shortest edge is three times as long as their neighbours' are on average: those that lie far away
- * from where the mesh has them, which no neighbours in space could tell where many lie far away. */
+ * from where the mesh has them, which no neighbours in space could give where many lie far away. */
 static void regi_smooth_find_stretched(regi_smooth_work *w, const sbi_surface_cut *cut)
 {
     int n = w->pass.count;

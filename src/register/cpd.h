@@ -95,7 +95,7 @@ typedef struct reg_cpd reg_cpd;
  * source, target  [count] (m), at least one point each, in any order; copied
  * options         NULL: defaults
  * fit             made on success; the caller's, for reg_cpd_destroy; untouched otherwise
- * A cap that was reached is no error: info.stop tells, and the fit is as good as it got.
+ * A cap that was reached is no error: info.stop reports it, and the fit is as good as it got.
  * Cost of an iteration: at most source_count target_count exponentials (about 5 ns each), and as sigma shrinks those of
  * near blocks of points only; non-rigid in addition source_count rank^2 / 2 + rank^3 / 6 multiply-adds. Memory: rank
  * (source_count + rank) doubles. The same bits for any jobs.

@@ -174,7 +174,7 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that can be told from 0 beside c */
+    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }

@@ -7,7 +7,7 @@
 
 #define REGI_FIELD_COOKIE 0x66696c64u
 
-enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that tell whether one of them is on its rim */
+enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that decide whether one of them is on its rim */
 
 /* Laplace's potential at the corners of a grid of cubes. */
 typedef struct regi_field_grid {

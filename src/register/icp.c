@@ -873,14 +873,14 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
                           reg_rigid *motion, reg_icp_info *info, sb_error *error)
 {
     reg_icp_options defaults = reg_default_icp_options();
-    reg_icp_info told;
+    reg_icp_info report;
     reg_rigid found;
     regi_icp icp;
     sb_result result;
     if (!model || !target || !motion)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "model, target or motion is NULL");
     memset(&icp, 0, sizeof icp);
-    memset(&told, 0, sizeof told);
+    memset(&report, 0, sizeof report);
     icp.options = options ? options : &defaults;
     icp.allocator = &icp.options->allocator;
     icp.error = error;
@@ -901,11 +901,11 @@ REG_API sb_result reg_icp(const reg_icp_shape *model, const reg_icp_shape *targe
         result = regi_icp_make_pairs(&icp);
     found = icp.swapped ? reg_rigid_inverse(&icp.options->start) : icp.options->start;
     if (result == SB_OK)
-        result = regi_icp_run(&icp, &found, &told);
+        result = regi_icp_run(&icp, &found, &report);
     if (result == SB_OK) {
         *motion = icp.swapped ? reg_rigid_inverse(&found) : found;
         if (info)
-            *info = told;
+            *info = report;
     }
     sbi_free(icp.allocator, icp.pairs.from);
     sbi_free(icp.allocator, icp.pairs.weight);

@@ -42,7 +42,7 @@ REG_API reg_rigid reg_rigid_inverse(const reg_rigid *motion)
     return inverse;
 }
 
-/* The axis times 2 sin, and 1 + 2 cos: together they tell small angles and such near pi alike. */
+/* The axis times 2 sin, and 1 + 2 cos: together they determine small angles and angles near pi alike. */
 REG_API sb_real reg_rigid_angle(const reg_rigid *motion)
 {
     const sb_mat3 *r = motion ? &motion->rotation : NULL;

@@ -97,20 +97,20 @@
  *
  * sb_mesh      nodes and elements of one type: tet4, tet10, hex8, hex20, hex27 (volumes), tri3, tri6, quad4, quad8,
  *              quad9 (surfaces), with VTK's node orders. Plain arrays: load them (sb_mesh_load), generate them
- *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` tells materials apart.
+ *              (sb_mesh_beam, _cylinder, _ellipsoid, _organ) or fill them yourself. `regions` assigns materials.
  *              An element of your own is an sb_element_table (see examples/custom_element.c).
  * sb_material  a model and its parameters; made by sb_material_corotated() and others, by sb_material_preset() from
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
@@ -125,11 +125,11 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 cheaper. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check tells, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
+ * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short cheap steps pay: soft tissue,
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
  * coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
@@ -328,7 +328,7 @@
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: clang is told so here; with gcc compile as -std=c99 or -ffp-contract=off where
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
  * fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE

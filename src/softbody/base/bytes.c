@@ -73,7 +73,7 @@ SBI_API sb_result sbi_image_check(const unsigned char *image, size_t size, const
     if (result != SB_OK)
         return result;
     if (sbi_get_bytes(image + 16, 8) != (uint64_t)size)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it tells", what,
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is %s than the size it states", what,
                         sbi_get_bytes(image + 16, 8) > (uint64_t)size ? "shorter" : "longer");
     if (sbi_get_bytes(image + size - SBI_IMAGE_TAIL, 8) != sbi_image_checksum(image, size - SBI_IMAGE_TAIL))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved %s is damaged: its checksum differs", what);

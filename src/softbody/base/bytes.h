@@ -1,4 +1,4 @@
-/* bytes: images in memory that tell what they are, and whether they are whole. Floor 0, internal. */
+/* bytes: images in memory that state what they are, and whether they are whole. Floor 0, internal. */
 #ifndef SB_BYTES_H
 #define SB_BYTES_H
 

@@ -210,7 +210,7 @@ static int sbi_openmp_take(sbi_openmp_range *range)
 }
 
 /* Each thread runs the same share of the tasks every time, so that what it wrote in one loop is in its own cache in
- * the next; whoever is done helps the others. */
+ * the next; a thread that is done helps the others. */
 static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task, void *task_user, int count)
 {
     (void)count;

@@ -1046,7 +1046,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
 
 /* ---- small dense systems ----------------------------------------------------------------------------------
  * Row-major matrices in the caller's memory, factored in place; right-hand sides become solutions in place.
- * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be told from the rounding of the
+ * A factorisation returns 0, or k + 1 when step k meets a pivot that cannot be distinguished from the rounding of the
  * sums that made it (singular, not positive definite), or that is not finite. That test does not depend on
  * units or on the scaling of rows and columns; a matrix that is singular only to rounding may pass it where
  * its leading part is ill conditioned too. After a failure the matrix is partly overwritten and must not be
@@ -1137,7 +1137,7 @@ SB_INLINE void sb_ldlt_solve(const sb_real *l, int n, sb_real *b)
 }
 
 /* Column k of the LU factors above and on the diagonal and, not yet divided, below it. Returns the row of the
- * largest entry from k down, or -1 when no entry can be told from rounding. */
+ * largest entry from k down, or -1 when no entry can be distinguished from rounding. */
 SB_INLINE int sbi_dense_lu_column(sb_real *a, int n, int k)
 {
     sb_real best = 0, best_size = 0, size_total = 0;

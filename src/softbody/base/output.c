@@ -192,7 +192,7 @@ static FILE *sbi_output_make_beside(sb_output *out)
 
 /* ---- writing ---- */
 
-/* Opens a target that is a device, pipe, folder or open file where it stands, which tells what it cannot be; any other
+/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any other
  * through a file beside it. */
 static FILE *sbi_output_open_target(sb_output *out, const char **why)
 {

@@ -628,6 +628,7 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->made_parents = (int *)sbi_arena_take(arena, come, sizeof(int));
     lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
     lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
+    lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -711,8 +712,10 @@ static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_liv
             int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
-            if (stays)
-                lists->reshaped_cells[out->reshaped_cell_count++] = e;
+            if (!stays)
+                continue;
+            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            lists->reshaped_cells[out->reshaped_cell_count++] = e;
         }
     }
 }
@@ -838,6 +841,7 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->made_parents = lists->made_parents;
     out->made_shares = lists->made_shares;
     out->reshaped_cells = lists->reshaped_cells;
+    out->reshaped_shares = lists->reshaped_shares;
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
         result = sbi_change_check_removed(body, mesh, out, error);

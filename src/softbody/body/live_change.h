@@ -45,7 +45,7 @@ typedef struct sbi_change_lists {
     int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
-    sb_real *source_weights, *heir_weights, *made_shares;
+    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
 } sbi_change_lists;
 

@@ -1,9 +1,16 @@
 /* assembly: loops over integration points. */
 #include "assembly_batch.h"
+#include "assembly_live.h"
 
 #include <string.h>
 
 /* ---- set-up ---- */
+
+/* Cells that arrays have room for. */
+static int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
 
 static int sbi_assembly_chunk_size(int cell_count)
 {
@@ -15,12 +22,13 @@ static int sbi_assembly_chunk_size(int cell_count)
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena)
 {
-    size_t cells = (size_t)domain->cell_count, n = (size_t)domain->nodes_per_cell;
+    size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
+    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+        assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    chunks = (size_t)assembly->chunk_count;
+    chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
     assembly->rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
@@ -53,7 +61,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
     uint64_t taken = 0;
     int colour = 0;
     for (const int *node = first; node < end; node++)
-        taken |= node_colours[*node];
+        taken |= *node < 0 ? 0 : node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -61,13 +69,14 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        node_colours[*node] |= (uint64_t)1 << colour;
+        if (*node >= 0)
+            node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
 }
 
-static void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
 {
     int *colour_of = assembly->chunk_bad_cell; /* free until the first loop runs */
     int position = 0;
@@ -140,7 +149,8 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        sbi_batch_list_pairs(assembly, matrix);
+        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+            sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }
     sbi_assembly_reset_rotations(assembly);
@@ -518,6 +528,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
+        if (cell[0] < 0)
+            continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
             bad = e;
@@ -576,6 +588,8 @@ SBI_FORCE_INLINE int sbi_chunk_energy(const sbi_assembly_job *job, int begin, in
     *sum = 0;
     for (int e = begin; e < end; e++) {
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+        if (sbi_domain_is_free(assembly->domain, e))
+            continue;
         sbi_cell_deformations(assembly->domain, e, job->u, n, q, f);
         if (!sbi_cell_energy(assembly, e, job->u, f, q, scheme, assembly->rotations + (size_t)e * (size_t)q, sum))
             return e;
@@ -701,6 +715,8 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
     for (int e = begin; e < end; e++) {
         const int *at = job->assembly->scatter + (size_t)e * (size_t)pair_count;
         sbi_cell_blocks blocks;
+        if (sbi_domain_is_free(job->assembly->domain, e))
+            continue;
         memset(blocks, 0, (size_t)(9 * n * n) * sizeof blocks[0]);
         if (!sbi_cell_tangent(job, e, n, q, scheme, blocks) && bad < 0)
             bad = e;
@@ -785,7 +801,7 @@ static void sbi_assembly_chunk(void *user, int index)
 /* ---- memory of materials with Prony terms ---- */
 
 /* Number of reals that a point remembers. */
-static size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
 
 static size_t sbi_memory_points(const sbi_assembly *assembly)
 {
@@ -795,7 +811,8 @@ static size_t sbi_memory_points(const sbi_assembly *assembly)
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error)
 {
-    size_t points = sbi_memory_points(assembly), old_stride = sbi_memory_stride(assembly), stride;
+    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
+    size_t old_stride = sbi_memory_stride(assembly), stride;
     sb_real *history, *prestress = assembly->prestress;
     if (terms <= assembly->terms)
         return SB_OK;
@@ -810,7 +827,7 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
                         assembly->domain->cell_count);
     }
-    for (size_t p = 0; assembly->history && p < points; p++)
+    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
         memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
     sbi_free(allocator, assembly->history);
     assembly->history = history;
@@ -842,6 +859,7 @@ SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator
 {
     sbi_free(allocator, assembly->history);
     sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
 }
 
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
@@ -955,7 +973,7 @@ static void sbi_memory_chunk(void *user, int chunk)
     sbi_assembly *assembly = job->assembly;
     for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         int index = assembly->cell_material[e];
-        if (assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
             continue;
         if (job->u)
             sbi_memory_advance_cell(job, e);
@@ -1031,6 +1049,8 @@ SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_materia
             assembly->energy_unit +=
                 domain->weights[(size_t)e * (size_t)q + (size_t)p] * (material->lambda + 2 * material->mu);
         }
+    if (assembly->live)
+        sbi_assembly_weigh_all(assembly);
     for (int i = 0; i < material_count; i++) {
         if (materials[i].model != SB_COROTATED)
             assembly->batched = 0;
@@ -1066,6 +1086,7 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
                                  sb_matrix *matrix)
 {
     sbi_assembly_job job = sbi_assembly_make_job(assembly, SBI_WORK_TANGENT, u);
+    int bad;
     job.kind = kind;
     job.factor = factor;
     job.matrix = matrix;
@@ -1074,7 +1095,9 @@ SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_ta
         return -1;
     }
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
-    return sbi_assembly_run(&job);
+    bad = sbi_assembly_run(&job);
+    sbi_matrix_set_free_rows(matrix);
+    return bad;
 }
 
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y)

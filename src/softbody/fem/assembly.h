@@ -55,6 +55,7 @@ typedef struct sbi_assembly {
     sb_real *ratios;               /* [cell_count] lambda / mu */
     int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
     int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring

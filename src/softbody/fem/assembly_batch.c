@@ -1,5 +1,6 @@
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
 #include "assembly_batch.h"
+#include "assembly_live.h"
 #include "../base/lanes.h"
 
 #include <string.h>
@@ -32,7 +33,8 @@ static size_t sbi_batch_rotated_size(const sb_domain *domain)
 
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena)
 {
-    size_t batches = sbi_batch_count(domain), cells = (size_t)domain->cell_count;
+    size_t cells = (size_t)sbi_max_int(domain->cell_capacity, domain->cell_count);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
     size_t lane = SB_POLAR_LANES * sizeof(sb_real);
     size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
     assembly->batch_gradients = (sb_real *)sbi_arena_take(arena, batches * q, 3 * (n - 1) * lane);
@@ -44,6 +46,8 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
     assembly->rotated =
         (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    if (domain->cell_capacity)
+        return; /* pairs are in rings */
     assembly->pair_start = (int *)sbi_arena_take(arena, (size_t)block_count + 1, sizeof(int));
     assembly->pairs = (int *)sbi_arena_take(arena, cells, n * (n - 1) / 2 * sizeof(int));
 }
@@ -54,23 +58,26 @@ static int sbi_batch_cell(const sb_domain *domain, int batch, int lane)
     return sbi_min_int(batch * SB_POLAR_LANES + lane, domain->cell_count - 1);
 }
 
+/* The gradients of a cell at a point into a lane. */
+static void sbi_batch_fill_lane(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t point = (size_t)e * q + (size_t)p, at = (size_t)batch * q + (size_t)p;
+    sb_real *out = assembly->batch_gradients + at * 3 * (n - 1) * SB_POLAR_LANES + lane;
+    for (size_t k = 3; k < 3 * n; k++, out += SB_POLAR_LANES)
+        *out = domain->gradients[point * 3 * n + k];
+}
+
 SBI_API void sbi_batch_fill(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int n = domain->nodes_per_cell, q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_gradients;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++)
-            for (int k = 3; k < 3 * n; k++)
-                for (int l = 0; l < SB_POLAR_LANES; l++) {
-                    size_t point = (size_t)sbi_batch_cell(domain, batch, l) * (size_t)q + (size_t)p;
-                    *out++ = domain->gradients[point * 3 * (size_t)n + (size_t)k];
-                }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_fill_lane(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
 }
-
-/* A cell and two of its nodes in one number. */
-enum { SBI_PAIR_NODE_BITS = 4 };
-static int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -102,27 +109,63 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
     start[0] = 0;
 }
 
+/* The moduli of a cell at a point into a lane. */
+static void sbi_batch_set_moduli(sbi_assembly *assembly, int e, int batch, int p, int lane)
+{
+    int q = assembly->domain->points_per_cell;
+    const sb_material *material = assembly->materials + assembly->cell_material[e];
+    sb_real w = assembly->domain->weights[(size_t)e * (size_t)q + (size_t)p];
+    sb_real *out = assembly->batch_moduli + ((size_t)batch * (size_t)q + (size_t)p) * 3 * SB_POLAR_LANES + lane;
+    out[0] = w * material->lambda;
+    out[SB_POLAR_LANES] = w * material->mu;
+    out[2 * SB_POLAR_LANES] = sb_sqrt(w * material->mu);
+}
+
+static sb_real sbi_batch_ratio(const sb_material *material) { return material->lambda / material->mu; }
+
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly)
 {
     const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, batches = (int)sbi_batch_count(domain);
-    sb_real *out = assembly->batch_moduli;
+    int batches = (int)sbi_batch_count(domain);
     for (int batch = 0; batch < batches; batch++)
-        for (int p = 0; p < q; p++, out += 3 * SB_POLAR_LANES)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                int e = sbi_batch_cell(domain, batch, l);
-                const sb_material *material = assembly->materials + assembly->cell_material[e];
-                sb_real w = domain->weights[(size_t)e * (size_t)q + (size_t)p];
-                out[l] = w * material->lambda;
-                out[SB_POLAR_LANES + l] = w * material->mu;
-                out[2 * SB_POLAR_LANES + l] = sb_sqrt(w * material->mu);
-            }
+        for (int p = 0; p < domain->points_per_cell; p++)
+            for (int l = 0; l < SB_POLAR_LANES; l++)
+                sbi_batch_set_moduli(assembly, sbi_batch_cell(domain, batch, l), batch, p, l);
     assembly->mixed = 0;
     for (int e = 0; e < domain->cell_count; e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        assembly->ratios[e] = material->lambda / material->mu;
+        assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
         assembly->mixed |= assembly->ratios[e] < assembly->ratios[0] || assembly->ratios[e] > assembly->ratios[0];
     }
+    /* where cells come and go the materials decide, whether a cell has them at present or not */
+    for (int i = 0; assembly->live && i < assembly->material_count; i++) {
+        sb_real ratio = sbi_batch_ratio(assembly->materials + i), first = sbi_batch_ratio(assembly->materials);
+        assembly->mixed |= ratio < first || ratio > first;
+    }
+}
+
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e)
+{
+    int batch = e / SB_POLAR_LANES, lane = e % SB_POLAR_LANES;
+    for (int p = 0; p < assembly->domain->points_per_cell; p++) {
+        sbi_batch_fill_lane(assembly, e, batch, p, lane);
+        sbi_batch_set_moduli(assembly, e, batch, p, lane);
+    }
+    assembly->ratios[e] = sbi_batch_ratio(assembly->materials + assembly->cell_material[e]);
+}
+
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e)
+{
+    const sb_real *at = assembly->batch_quats + (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + e % SB_POLAR_LANES;
+    return sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+}
+
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
+{
+    size_t at = (size_t)(e / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(e % SB_POLAR_LANES);
+    sb_real values[4];
+    values[0] = quat.w, values[1] = quat.x, values[2] = quat.y, values[3] = quat.z;
+    for (size_t k = 0; k < 4; k++)
+        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] = values[k];
 }
 
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
@@ -158,7 +201,13 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin = u[cell[0]];
+        sb_vec3 origin;
+        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
+            for (int k = 0; k < 3 * (n - 1); k++)
+                d[k][l] = 0;
+            continue;
+        }
+        origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -221,6 +270,8 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
+        if (cell[0] < 0)
+            continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
             sum.x += f[3 * a][l], node->x += f[3 * a][l];
@@ -642,28 +693,45 @@ SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const 
             s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
 }
 
-/* The block of an edge. mixed: cells differ in lambda / mu; otherwise it can wait for the sum. */
-SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const int n, const int q, const int mixed,
-                                      sb_real factor, sb_real *out)
+/* What the loops over blocks know when they are compiled. */
+typedef struct sbi_batch_kind {
+    int n, q;
+    int mixed; /* 1: cells differ in lambda / mu; otherwise it can wait for the sum */
+    int live;  /* 1: pairs are in rings */
+} sbi_batch_kind;
+
+/* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
+SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
+                                         sbi_batch_row *s, sbi_batch_row *l)
+{
+    size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
+    const int q = kind.q;
+    const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
+    sbi_batch_row t[3];
+    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
+    for (int i = 0; i < 3; i++) {
+        s[i] = sbi_batch_add(s[i], t[i]);
+        if (kind.mixed)
+            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
+    }
+}
+
+/* The block of an edge. */
+SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const sbi_batch_kind kind, sb_real factor,
+                                      sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
     sbi_batch_row s[3], l[3];
     sb_real trace;
     for (int i = 0; i < 3; i++)
         s[i] = l[i] = sbi_batch_scale(0, zeros);
-    for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++) {
-        int pair = assembly->pairs[p];
-        size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
-        const sb_real *h = assembly->rotated + e * (size_t)(3 * n * q);
-        sbi_batch_row t[3];
-        sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-        for (int i = 0; i < 3; i++) {
-            s[i] = sbi_batch_add(s[i], t[i]);
-            if (mixed)
-                l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-        }
-    }
-    for (int i = 0; !mixed && i < 3; i++)
+    if (kind.live)
+        for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
+            sbi_batch_add_pair(assembly, pair, kind, s, l);
+    else
+        for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
+    for (int i = 0; !kind.mixed && i < 3; i++)
         l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
     trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
     for (int i = 0; i < 3; i++)
@@ -673,28 +741,38 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
-                                           const int mixed)
+                                           const int mixed, const int live)
 {
     sb_matrix *matrix = job->matrix;
+    sbi_batch_kind kind;
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
+    kind.n = n;
+    kind.q = q;
+    kind.mixed = mixed;
+    kind.live = live;
     for (int row = begin; row < end; row++)
         for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
-            sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
+            sbi_batch_block(job->assembly, k, kind, job->factor, matrix->blocks[k]);
 }
 
 static void sbi_batch_upper(void *user, int index)
 {
     const sbi_batch_job *job = (const sbi_batch_job *)user;
-    int is_tet4 = sbi_batch_is_tet4(job->assembly);
-    if (is_tet4 && job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 4, 1, 1);
+    int is_tet4 = sbi_batch_is_tet4(job->assembly), mixed = job->assembly->mixed;
+    if (job->assembly->live) {
+        if (mixed)
+            sbi_batch_upper_rows(job, index, 4, 1, 1, 1);
+        else
+            sbi_batch_upper_rows(job, index, 4, 1, 0, 1);
+    } else if (is_tet4 && mixed)
+        sbi_batch_upper_rows(job, index, 4, 1, 1, 0);
     else if (is_tet4)
-        sbi_batch_upper_rows(job, index, 4, 1, 0);
-    else if (job->assembly->mixed)
-        sbi_batch_upper_rows(job, index, 10, 4, 1);
+        sbi_batch_upper_rows(job, index, 4, 1, 0, 0);
+    else if (mixed)
+        sbi_batch_upper_rows(job, index, 10, 4, 1, 0);
     else
-        sbi_batch_upper_rows(job, index, 10, 4, 0);
+        sbi_batch_upper_rows(job, index, 10, 4, 0, 0);
 }
 
 /* Transposes below the diagonal, and the diagonal: a rigid translation costs nothing, so K_ii = - sum over j != i of
@@ -735,4 +813,5 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_run(assembly->jobs, sbi_batch_rotate_chunk, &job, assembly->chunk_count);
     sbi_run(assembly->jobs, sbi_batch_upper, &job, tasks);
     sbi_run(assembly->jobs, sbi_batch_lower, &job, tasks);
+    sbi_matrix_set_free_rows(matrix);
 }

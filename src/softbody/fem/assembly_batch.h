@@ -20,10 +20,18 @@ SBI_API int sbi_batch_fits(const sb_domain *domain);
 SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, sbi_arena *arena);
 /* Copies the gradients into lanes. */
 SBI_API void sbi_batch_fill(sbi_assembly *assembly);
+/* A cell and two of its nodes in one number. */
+enum { SBI_PAIR_NODE_BITS = 4 };
+SB_INLINE int sbi_batch_pair(int e, int a, int b) { return ((e << SBI_PAIR_NODE_BITS | a) << SBI_PAIR_NODE_BITS) | b; }
 /* Lists for every block above the diagonal which cells and local pairs add to it, in cell order. */
 SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matrix);
 /* Takes over the moduli of the cells' materials. */
 SBI_API void sbi_batch_set_materials(sbi_assembly *assembly);
+/* Gradients and moduli of one cell, or zeros of a free slot. */
+SBI_API void sbi_batch_set_cell(sbi_assembly *assembly, int e);
+/* The rotation of a tet4; setting it sets the saved one, too. */
+SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
+SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
 /* The one of a cell, from that of a cell of another assembly. */

@@ -1,6 +1,7 @@
 /* domain: integration points from elements. */
 #include "domain.h"
 
+#include <limits.h>
 #include <string.h>
 
 SB_API void sb_domain_free(sb_domain *domain)
@@ -341,6 +342,96 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
     }
     *copy = made;
     return SB_OK;
+}
+
+/* ---- a mesh that changes ---- */
+
+/* The arrays with room for so many cells; what the new slots hold is up to the caller. */
+static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *error)
+{
+    const sb_allocator *allocator = &domain->allocator;
+    size_t cells = (size_t)capacity, n = (size_t)domain->nodes_per_cell, q = (size_t)domain->points_per_cell;
+    size_t used = (size_t)domain->cell_count;
+    int *nodes = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    sb_real *gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    sb_real *weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    if (!nodes || !gradients || !weights) {
+        sbi_free(allocator, nodes);
+        sbi_free(allocator, gradients);
+        sbi_free(allocator, weights);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the integration points of %d cells", capacity);
+    }
+    memcpy(nodes, domain->cells, used * n * sizeof(int));
+    memcpy(gradients, domain->gradients, used * q * n * 3 * sizeof(sb_real));
+    memcpy(weights, domain->weights, used * q * sizeof(sb_real));
+    sbi_free(allocator, domain->cells);
+    sbi_free(allocator, domain->gradients);
+    sbi_free(allocator, domain->weights);
+    domain->cells = nodes;
+    domain->gradients = gradients;
+    domain->weights = weights;
+    domain->cell_capacity = capacity;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
+{
+    if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that changes is of tet4 without masses of their own, not %s",
+                        sb_element_name(domain->element_type));
+    return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
+}
+
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error)
+{
+    int least = change->cell_end;
+    if (least <= domain->cell_capacity)
+        return SB_OK;
+    return sbi_domain_grow(domain, least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2, error);
+}
+
+static void sbi_domain_blank(sb_domain *domain, int e)
+{
+    for (int a = 0; a < 4; a++)
+        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
+    domain->weights[e] = 0;
+}
+
+/* Gradients and weight of a tet; share: of its volume. */
+static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions, sb_real share)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    sb_vec3 x[4];
+    sb_real det;
+    for (int a = 0; a < 4; a++)
+        x[a] = positions[domain->cells[4 * (size_t)e + (size_t)a]];
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_element_shape(element, points[0], NULL, local);
+    det = sbi_domain_point(4, x, (const sb_real(*)[3])local, domain->gradients + 12 * (size_t)e);
+    domain->weights[e] = share * (det * weights[0]);
+}
+
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
+{
+    for (int e = domain->cell_count; e < change->cell_end; e++)
+        sbi_domain_blank(domain, e);
+    domain->node_count = change->node_end;
+    domain->cell_count = change->cell_end;
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < change->cell_end)
+            sbi_domain_blank(domain, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        memcpy(domain->cells + 4 * (size_t)e, change->made_cell_nodes + 4 * (size_t)k, 4 * sizeof(int));
+        sbi_domain_shape(domain, e, positions, change->made_shares ? change->made_shares[k] : (sb_real)1);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++) {
+        int e = change->reshaped_cells[k];
+        sb_real share = change->reshaped_shares ? change->reshaped_shares[k] : (sb_real)1;
+        sbi_domain_shape(domain, e, positions, share);
+    }
 }
 
 /* ---- mass ---- */

@@ -5,6 +5,7 @@
 #include "../base/mapping.h"
 #include "../mesh/element.h"
 #include "../mesh/mesh.h"
+#include "../mesh/mesh_change.h"
 
 /* Cells of integration points. A cell is a list of nodes and the points that share it; a point is a weight (m^3)
  * and the reference gradients (1/m) of the cell's shape functions. With these
@@ -28,6 +29,7 @@ typedef struct sb_domain {
     sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
     sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
                                    * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    int cell_capacity;            /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
     sb_allocator allocator;
 } sb_domain;
 
@@ -79,6 +81,19 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+
+/* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
+ * has changed. */
+SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error);
+SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
+/* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
+SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
+{
+    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+}
+
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
  * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
  * have had less, else 0. */

@@ -125,11 +125,11 @@ SB_API sb_real sb_material_bulk(const sb_material *material);
  * (-1, 0.5); isochoric: c10 + c01 > 0, d1 > 0 and in agreement with lambda, mu; fibres and Prony terms as
  * their constructors say, and on hyperelastic models only). Returns SB_OK, or SB_ERROR_ARGUMENT (NULL, unknown
  * model, count of Prony terms), SB_ERROR_NOT_FINITE or SB_ERROR_MATERIAL with the offending value in error (may
- * be NULL). It does not tell whether a material stays stable under large strain: see sb_material_fit. */
+ * be NULL). It does not decide whether a material stays stable under large strain: see sb_material_fit. */
 SB_API sb_result sb_material_check(const sb_material *material, sb_error *error);
 
 /* 1 when the model has a finite energy for J <= 0; 0 when it needs J > 0 (or is unknown). SB_SVK has one,
- * but does not oppose inversion: it cannot tell F from its mirror image, so an inverted element may come
+ * but does not oppose inversion: it has the same value for F and its mirror image, so an inverted element may come
  * to rest. */
 SB_API int sb_material_allows_inversion(sb_material_model model);
 /* 1 when the tangent does not depend on F. */
@@ -189,7 +189,7 @@ SB_API int sb_material_history_stress(const sb_material *material, sb_material_h
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
-/* The same for a material's P; P itself for SB_LINEAR: small strain does not tell the stresses apart. */
+/* The same for a material's P; P itself for SB_LINEAR: small strain does not distinguish the stresses. */
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P);
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);

@@ -14,7 +14,7 @@ typedef struct sbi_fit_system {
     double rest, total; /* total = |b|^2 */
 } sbi_fit_system;
 
-/* Constants that share all but this part of their influence with others are not told apart: measured data never reach
+/* Constants that share all but this part of their influence with others are not distinguished: measured data never reach
  * it, rounding does. */
 static const double sbi_fit_least_own = 1e-6;
 
@@ -57,7 +57,7 @@ static double sbi_fit_own(const sbi_fit_system *system, int k)
     return sum > 0 ? fabs(system->r[k][k]) / sqrt(sum) : 0;
 }
 
-/* The unknown with the least part of its own, or the first that is not told apart; and that part. */
+/* The unknown with the least part of its own, or the first that is not distinguished; and that part. */
 static int sbi_fit_weakest(const sbi_fit_system *system, double *own)
 {
     int weakest = 0;
@@ -83,7 +83,7 @@ static void sbi_fit_back_substitute(const sbi_fit_system *system, double *c)
 }
 
 /* Solves with the unknowns of `mask` alone, the others 0. Returns |A c - b|^2, or a negative number when they are not
- * told apart or one would not be positive. */
+ * distinguished or one would not be positive. */
 static double sbi_fit_solve_subset(const sbi_fit_system *system, int mask, double *c)
 {
     sbi_fit_system part;

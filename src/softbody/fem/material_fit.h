@@ -61,7 +61,7 @@ typedef struct sb_fit_info {
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not tell from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
+ * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
  * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
  * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
  * Deformations, 1984, ch. 7. */
@@ -74,7 +74,7 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * reading. terms in 1 to SB_MAX_PRONY_TERMS. Nonnegative least squares: terms that the data do not ask for are left
  * out, so fewer may come back. On SB_OK *material, which comes in hyperelastic and in order, has these Prony terms in
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
- * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not tell from the others, or
+ * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
 SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
                                        int terms, sb_material *material, sb_fit_info *info, sb_error *error);

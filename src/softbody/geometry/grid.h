@@ -12,7 +12,7 @@
  *     |   ,--+------+--.   |      finite cell: cut again and again into eight where the surface goes (an octree); the
  *     |  /   |      |   \  |          points of its leaves that are inside. Exact as the level grows, as does the cost
  *     +-|----+------+----|-+      weighted cell: the eight points that a full brick has, each with the inside share of
- *     |  \   |      |   /  |          its octant as weight, from the same octree. As cheap as a plain mesh at any level
+ *     |  \   |      |   /  |          its octant as weight, from the same octree. Costs as much as a plain mesh at any level
  *     |   `--+------+--'   |
  *     +------+------+------+      [thesis of Brunet 2020, chapter 4; finite cell: Parvizian, Duester, Rank 2007]
  *

@@ -38,7 +38,7 @@ typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers tell */
+    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
     int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
     int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
@@ -102,7 +102,7 @@ SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *c
 
 SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
 
-/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+/* Runs task(work, i) for i in [0, count), by slabs, and reports progress up to `share` of the whole. */
 SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
 SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
 /* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so

@@ -183,7 +183,7 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
                                    int cells[3], sb_error *error)
 {
     sbi_stuffing s;
@@ -193,7 +193,7 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
     s.def = def;
     s.error = error;
     s.attempt = attempt;
-    s.told = told;
+    s.reported = reported;
     result = sbi_stuffing_build(&s, mesh);
     if (result == SB_OK)
         result = sbi_stuffing_progress(&s, 0.9);
@@ -208,15 +208,15 @@ static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double 
 
 /* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
  * nearest mesh is kept. */
-static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *reported, sb_mesh *mesh, sb_real *distance,
                                         int cells[3], sb_error *error)
 {
-    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    sb_result result = sbi_stuffing_make(def, 0, reported, mesh, distance, cells, error);
     for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
         sb_mesh other;
         sb_real other_distance = 0;
         int other_cells[3];
-        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        sb_result tried = sbi_stuffing_make(def, attempt, reported, &other, &other_distance, other_cells, error);
         if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
             result = tried;
         if (tried != SB_OK)
@@ -238,7 +238,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
     sb_mesh made, raised;
     sb_stuff_report found;
     sb_real distance = 0;
-    double told = 0;
+    double reported = 0;
     int cells[3];
     sb_result result = sbi_stuffing_check(def, mesh, error);
     if (result == SB_OK)
@@ -247,8 +247,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         return result;
     memset(&made, 0, sizeof made);
     memset(&found, 0, sizeof found);
-    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
-    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+    result = sbi_stuffing_make_best(def, &reported, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and the error says why */
         sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
         result = kept == SB_OK ? result : kept;
     }

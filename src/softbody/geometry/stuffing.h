@@ -65,7 +65,7 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
  * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
  * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share tell how much is missing;
+ * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is missing;
  * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
  * what is missing.
  *

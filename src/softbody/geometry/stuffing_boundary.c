@@ -326,7 +326,7 @@ static sb_result sbi_stuffing_split_all(sbi_stuffing_rim *rim, int is_last, int 
     return result;
 }
 
-/* Round 0, 1, ... of sliding and splitting: *again tells whether edges were split; then *distance is of before. */
+/* Round 0, 1, ... of sliding and splitting: *again: whether edges were split; then *distance is of before. */
 static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *mesh, int round, int *again,
                                               sb_real *distance)
 {

@@ -9,8 +9,8 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
-/* Whether a shape contains a point, told only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
- * -1: not told; -2: the distance is not finite. */
+/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
+ * -1: not decided; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     const sb_shape *g = s->def->shapes + shape;

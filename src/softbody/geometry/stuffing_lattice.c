@@ -140,9 +140,9 @@ SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 
 SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
-    *s->told = fraction > *s->told ? fraction : *s->told;
-    if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->told);
+    *s->reported = fraction > *s->reported ? fraction : *s->reported;
+    if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
     return SB_OK;
 }
 

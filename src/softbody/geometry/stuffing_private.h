@@ -51,7 +51,7 @@ typedef struct sbi_stuffing {
     sb_error *error;
     sb_vec3 low, high, origin;
     int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *told;                 /* fraction that the progress callback has heard of, over all attempts */
+    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
     sb_real half;                 /* m, half a cell */
     int n[3];                     /* cells, multiples of 2^levels */
     size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
@@ -171,7 +171,7 @@ typedef struct sbi_stuffing_view {
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
 SBI_API void sbi_stuffing_cut_task(void *user, int index);
-/* Runs a task over all surface points, in slices that let progress be told. */
+/* Runs a task over all surface points, in slices, between which progress is reported. */
 SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to);
 SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v);
 /* Whether a tet has angles within those of the stencils. */
@@ -196,10 +196,10 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 #define SBI_STUFF_ROUNDS 8
 #define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
 #define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
 #define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
-/* Brings the boundary close to the surface and tells how close it is. */
+/* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
 SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);

@@ -272,7 +272,7 @@ static void sbi_surface_refit_node(sb_surface *s, int index)
 }
 
 /* Angle-weighted normal of a node (Baerentzen, Aanaes 2005), over the sum of the angles, so that its length says how
- * much the faces agree. 0 where it means nothing: flat triangles, knots and pinched nodes. */
+ * much the faces agree. 0 where it means nothing: flat triangles, non-manifold edges and pinched nodes. */
 static void sbi_surface_refit_normal(sb_surface *s, int node)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
@@ -712,12 +712,12 @@ static void sbi_surface_adopt_tree(sb_surface *s, const sbi_surface_build *b)
 static int sbi_surface_ascends(const int nodes[3], int edge) { return nodes[edge] < nodes[(edge + 1) % 3]; }
 
 /* Neighbours across edges, and how many edges are out of balance. `edges`: those of triangles with three different
- * nodes; the others have knots all round. */
+ * nodes; the others have non-manifold edges all round. */
 static void sbi_surface_find_mates(sb_surface *s, const sbi_mesh_keys *edges)
 {
     for (int t = 0; t < s->triangle_count; t++)
         for (int i = 0; i < 3; i++)
-            s->mate[t][i] = SBI_SURFACE_KNOT;
+            s->mate[t][i] = SBI_SURFACE_NONMANIFOLD;
     s->unbalanced = 0;
     for (int begin = 0, end; begin < edges->sorted; begin = end) {
         int p = edges->order[begin], q, up, balance = 0;
@@ -776,7 +776,7 @@ static int sbi_surface_turn(const sb_surface *s, int t, int c, int limit)
     return count;
 }
 
-/* A node is pinched when its triangles are not one fan, or an edge there is a knot. */
+/* A node is pinched when its triangles are not one fan, or an edge there is non-manifold. */
 static void sbi_surface_find_pinched(sb_surface *s)
 {
     for (int v = 0; v < s->node_count; v++) {
@@ -785,7 +785,7 @@ static void sbi_surface_find_pinched(sb_surface *s)
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
             s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;

@@ -39,7 +39,7 @@ typedef struct sb_surface_hit {
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
- * welcome (scans are like that): sb_surface_check tells, and each query below says what it then means. One block of
+ * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block of
  * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
  * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
@@ -254,11 +254,11 @@ typedef struct sb_shape {
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
- * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
+ * the nearest, only the winding number gives the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
 SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *doubtful);
 /* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
- * winding numbers tell. 0: no memory. */
+ * winding numbers give. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
 #endif
 

@@ -84,12 +84,12 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
 {
     place->count = count;
     for (int v = 0; count > 0 && v < s->node_count; v++) {
-        int knot = 0;
+        int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            knot = knot || mate[s->fan[i] % 3] == SBI_SURFACE_KNOT || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_KNOT;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
-        if (s->pinched[v] && !knot) {
+        if (s->pinched[v] && !nonmanifold) {
             place->node = v;
             place->element = s->element[s->fan[s->fan_start[v]] / 3];
             return;

@@ -424,7 +424,7 @@ static sb_vec3 sbi_surface_pseudonormal(const sb_surface *s, int triangle, int f
     mate = s->mate[triangle][index];
     if (mate == SBI_SURFACE_OPEN)
         return n;
-    if (mate == SBI_SURFACE_KNOT || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
+    if (mate == SBI_SURFACE_NONMANIFOLD || s->shape[triangle] == SBI_SURFACE_FLAT || s->shape[mate] == SBI_SURFACE_FLAT)
         return sb_v3(0, 0, 0);
     return sb_v3_scale((sb_real)0.5, sb_v3_add(n, sbi_surface_unit_normal(s, mate)));
 }
@@ -441,7 +441,7 @@ SB_API sb_vec3 sb_surface_normal(const sb_surface *surface, const sb_surface_hit
     return length > 0 ? sb_v3_scale((sb_real)1 / length, n) : n;
 }
 
-/* 1 inside, 0 outside, -1: the pseudonormal cannot tell. */
+/* 1 inside, 0 outside, -1: the pseudonormal cannot decide. */
 static int sbi_surface_side(const sb_surface *s, const sbi_surface_search *q)
 {
     sb_vec3 x[3], n = sbi_surface_pseudonormal(s, q->triangle, q->best.feature, q->best.index), d;

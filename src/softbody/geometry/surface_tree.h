@@ -18,7 +18,7 @@ enum {
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
     SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
-    SBI_SURFACE_KNOT = -2   /* mate of an edge of several triangles, or of two that disagree on its direction */
+    SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
 /* What a triangle is good for. */
@@ -29,7 +29,7 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it boxes tell nothing apart */
+#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
 #define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
 #define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
 #define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
@@ -132,7 +132,7 @@ SBI_FORCE_INLINE sbi_four sbi_four_sqrt(sbi_four a)
 /* ---- the tree ------------------------------------------------------------------------------------------------ */
 
 /* A node has its children in boxes and in coins: around the centre of area, flat along the mean normal. Patches of a
- * surface fill coins better than boxes, so that their distances tell neighbours apart that boxes do not. */
+ * surface fill coins better than boxes, so that their distances differ where those of boxes do not. */
 enum {
     SBI_COIN_CENTRE = 0,
     SBI_COIN_NORMAL = 3,
@@ -187,7 +187,7 @@ struct sb_surface {
     int unbalanced; /* edges not run through as often one way as the other */
     sb_vec3 *nodes;        /* [node_count] scaled */
     int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or KNOT */
+    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
     int *element;          /* [triangle_count] */
     unsigned char *shape;  /* [triangle_count] sound, thin or flat */
     unsigned char *pinched;/* [node_count] 1: parts touch in this node */

@@ -222,7 +222,7 @@ typedef struct sb_element_table {
                                       * meshes cannot be written */
 } sb_element_table;
 
-/* Tells whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
+/* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
  * of range, weights not positive or with another sum than the volume inside the faces, faces that do not close or look
  * inward, functions that are not 1 at their node and 0 at others, do not sum to 1 or do not reproduce xi, gradients
  * that are not their slopes, a node without mass), SB_ERROR_INDEX (a face's node), SB_ERROR_NOT_FINITE; the message

@@ -29,7 +29,7 @@ typedef struct sb_image {
     sb_allocator allocator; /* what labels came from; zeros: malloc */
 } sb_image;
 
-/* Reads a label image; the format is told by the content.
+/* Reads a label image; the format follows from the content.
  *
  * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
  * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()

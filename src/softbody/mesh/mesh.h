@@ -49,7 +49,7 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
 
 /* ---- checks ------------------------------------------------------------------------------------------ */
 
-/* Tells whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
+/* Checks whether a mesh can be computed with: counts, finite nodes, index range, repeated nodes and, for
  * volumes, a positive Jacobian (at the corners; curved tet10, hex20 and hex27 also at their other nodes, on their faces
  * and inside; custom elements, whose table is checked too, at their points). SB_ERROR_ARGUMENT, _NOT_FINITE
  * (error->node is the first), _INDEX or _MESH (error->element is the first; the message lists up to 8 elements and

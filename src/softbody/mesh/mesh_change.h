@@ -13,8 +13,8 @@
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
- * A free slot of a cell stands in the body's domain with weights and gradients 0 and node 0 at every corner, so that
- * loops over all cells need no test; those that make patterns leave it out. A free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
+ * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
@@ -54,6 +54,7 @@ typedef struct sb_mesh_change {
     int reshaped_cell_count;
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
+    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
 } sb_mesh_change;
 
 typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */

@@ -8,7 +8,7 @@
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: cheap, and ordered much like the number of neighbours */
+    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
     int *mark;   /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */

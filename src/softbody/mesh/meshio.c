@@ -116,7 +116,7 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     return SB_FILE_AUTO;
 }
 
-/* By what the file begins with; AUTO when that tells nothing. */
+/* By what the file begins with; AUTO when that decides nothing. */
 static sb_file_format sbi_meshio_format_of_content(const sbi_reader *reader)
 {
     sbi_word word;
@@ -463,7 +463,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
 {
     const sb_allocator *allocator = &loader->allocator;
     size_t cut = sbi_meshio_name_ends_with(path, ".node") ? 5 : 4;
-    /* the other file's name in the same case, for file systems that tell */
+    /* the other file's name in the same case, for file systems that distinguish it */
     int capitals = path[strlen(path) - cut + 1] < 'a';
     char *nodes = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".NODE" : ".node");
     char *elements = sbi_meshio_change_ending(allocator, path, cut, capitals ? ".ELE" : ".ele");

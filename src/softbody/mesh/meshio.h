@@ -28,7 +28,7 @@
 /* ---- reading ----------------------------------------------------------------------------------------- */
 
 typedef enum sb_file_format {
-    SB_FILE_AUTO = 0, /* told by the content, else by the end of the name */
+    SB_FILE_AUTO = 0, /* by the content, else by the end of the name */
     SB_FILE_VTK = 1,
     SB_FILE_GMSH = 2,
     SB_FILE_TETGEN = 3,
@@ -93,7 +93,7 @@ typedef struct sb_load_options {
     sb_allocator allocator; /* for the mesh and while loading; zeros: malloc */
     sb_load_report *report; /* filled on success; NULL: not wanted */
     sb_mesh_sets *sets;     /* the groups of the file, overwritten on success; NULL: not wanted */
-    int cookie;             /* set by sb_default_load_options; tells options that were never initialised */
+    int cookie;             /* set by sb_default_load_options; detects options that were never initialised */
 } sb_load_options;
 
 /* Scale 1, nothing is repaired, malloc, no report, no sets. */
@@ -103,7 +103,7 @@ SB_API sb_load_options sb_default_load_options(void);
  *
  * mesh     overwritten on success (free it first when it owns arrays), untouched on failure; free it with
  *          sb_mesh_free
- * path     the format is told by the content, else by the ending. TetGen: the .node or the .ele file, the
+ * path     the format is by the content, else by the ending. TetGen: the .node or the .ele file, the
  *          other one is looked for beside it
  * options  NULL: sb_default_load_options()
  * error    may be NULL; says file and line (line 0 in binary parts, where the message has the byte offset),

@@ -201,7 +201,7 @@ typedef enum sbi_voxel_encoding {
 
 /* How a header describes the voxels. */
 typedef struct sbi_voxel_data {
-    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    char class_; /* i signed, u unsigned, f floating; 0: not given */
     int size;    /* bytes of a value */
     int big_endian;
     sbi_voxel_encoding encoding;
@@ -356,7 +356,7 @@ SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path,
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
-/* Replaces SB_FILE_AUTO by what the content or the name tells. */
+/* Replaces SB_FILE_AUTO by what the content or the name says. */
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format);
 /* Reads what the loader's reader holds; not TetGen's. */
 SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format);

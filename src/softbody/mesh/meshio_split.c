@@ -407,7 +407,7 @@ static sb_result sbi_split_check_triangles(sbi_split *split)
     for (int i = 1; i < (int)count && !result; i++) {
         const sbi_split_triangle *a = &triangles[order[i - 1]], *b = &triangles[order[i]];
         if (a->other != b->other && sbi_split_compare_triangles(a, b) == 0) {
-            sbi_reader place = loader->reader; /* behind the cells: its line tells nothing */
+            sbi_reader place = loader->reader; /* behind the cells: its line means nothing */
             place.binary = place.line = 0;
             place.element = a->other ? a->cell : b->cell;
             result = sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED,

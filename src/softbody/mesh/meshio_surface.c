@@ -206,7 +206,7 @@ static sb_result sbi_stl_facet(sbi_loader *loader)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
     reader->element = (int)(loader->node_count / 3);
     if (!result)
-        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners tell it */
+        result = sbi_reader_skip_words(reader, 3, "a normal"); /* often not a number; the corners give it */
     if (!result)
         result = sbi_surface_expect(reader, "outer");
     if (!result)
@@ -519,7 +519,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
                                    sbi_word_print(word, text));
     }
     if (!result && binary < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not tell the format");
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
     sbi_reader_next_line(ply->reader);
     ply->reader->binary = binary > 0;
     return result || binary > 0 ? result : sbi_reader_check_text(ply->reader);

@@ -103,7 +103,7 @@ static int sbi_tetgen_edge_of(const sb_vec3 corners[4], sb_vec3 node)
 }
 
 /* Brings the nodes of a tet10 into our order. Releases of TetGen differ in theirs, but all put the nodes
- * into the middle of straight edges, so the geometry tells. */
+ * into the middle of straight edges, so the geometry decides. */
 static sb_result sbi_tetgen_sort_tet10(sbi_loader *loader)
 {
     sb_vec3 corners[4];

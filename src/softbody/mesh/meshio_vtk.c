@@ -563,7 +563,7 @@ static sb_result sbi_vtk_tuples(sbi_vtk *vtk, sbi_word name, int64_t components)
 {
     const sbi_vtk_type *type = NULL;
     sb_result result = SB_OK;
-    if (components < 0) /* texture coordinates tell their own */
+    if (components < 0) /* texture coordinates state their own */
         result = sbi_reader_integer(vtk->reader, "the number of components", &components);
     if (!result)
         result = sbi_vtk_read_type(vtk, &type);

@@ -570,7 +570,7 @@ static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int cou
     return result;
 }
 
-/* An attribute that tells the first and last point along each axis. */
+/* An attribute that holds the first and last point along each axis. */
 static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
 {
     double numbers[6] = {0, -1, 0, -1, 0, -1};

@@ -1,0 +1,427 @@
+/* assembly_live: rings of cells, and maps of the rows that a change touched. */
+#include "assembly_live.h"
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
+    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
+    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+}
+
+/* Zeroed arrays of the capacities in `live`; 0: no memory. */
+static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
+    if (!live->memory)
+        return 0;
+    arena.base = (unsigned char *)live->memory;
+    arena.used = 0;
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    return 1;
+}
+
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    sb_allocator allocator;
+    if (!live)
+        return;
+    allocator = live->allocator;
+    sbi_free(&allocator, live->memory);
+    sbi_free(&allocator, live->arrays);
+    sbi_free(&allocator, live->inherited);
+    sbi_free(&allocator, live->memories);
+    sbi_free(&allocator, live);
+    assembly->live = NULL;
+}
+
+/* ---- rings ------------------------------------------------------------------------------------------------ */
+
+/* Puts a corner into the ring of its node. */
+static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at >= 0 && *at < corner)
+        at = live->corner_next + *at;
+    live->corner_next[corner] = *at;
+    *at = corner;
+}
+
+static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at != corner)
+        at = live->corner_next + *at;
+    *at = live->corner_next[corner];
+}
+
+/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
+static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
+
+/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
+static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+{
+    sbi_assembly_live *live = assembly->live;
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->place[matrix->columns[q]] = q;
+        live->last[matrix->columns[q]] = -1;
+        live->pair_first[q] = -1;
+    }
+    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
+        int e = corner / 4, a = corner % 4;
+        const int *cell = assembly->domain->cells + 4 * (size_t)e;
+        for (int b = 0; b < 4; b++) {
+            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
+            if (b >= a)
+                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
+            if (j <= i)
+                continue;
+            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
+            *next = pair;
+            live->last[j] = sbi_live_pair_index(pair);
+            live->pair_next[live->last[j]] = -1;
+        }
+    }
+}
+
+/* ---- energy units ----------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
+    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
+    sb_real sum = 0;
+    for (int e = begin; e < end; e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
+    }
+    assembly->live->units[chunk] = sum;
+}
+
+static void sbi_assembly_sum_units(sbi_assembly *assembly)
+{
+    assembly->energy_unit = 0;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        assembly->energy_unit += assembly->live->units[chunk];
+}
+
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
+{
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+/* ---- making one ------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int i = 0; i < live->node_capacity; i++)
+        live->corner_first[i] = -1;
+    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
+        int node = domain->cells[corner];
+        if (node >= 0)
+            sbi_ring_add(live, node, corner);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error)
+{
+    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    if (live) {
+        if (allocator)
+            live->allocator = *allocator;
+        live->node_capacity = matrix->live->row_capacity;
+        live->cell_capacity = assembly->domain->cell_capacity;
+        live->block_capacity = matrix->live->block_capacity;
+        live->cell_end = assembly->domain->cell_count;
+    }
+    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
+        sbi_free(allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
+    }
+    assembly->live = live;
+    sbi_assembly_make_rings(assembly, matrix);
+    return SB_OK;
+}
+
+/* ---- growing ---------------------------------------------------------------------------------------------- */
+
+/* Copies what cells have from arrays that were outgrown. */
+static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
+{
+    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
+    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
+    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
+    memcpy(to->shares, from->shares, materials);
+    memcpy(to->relaxing, from->relaxing, materials);
+    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
+    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
+    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
+    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
+    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
+    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
+}
+
+/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
+static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly grown = *assembly;
+    sbi_arena arena = {NULL, 0, 0};
+    int count = assembly->chunk_count;
+    void *memory;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
+    if (!memory)
+        return 0;
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    sbi_assembly_copy_arrays(assembly, &grown);
+    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
+    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
+    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
+    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
+    sbi_free(&assembly->live->allocator, assembly->live->arrays);
+    assembly->live->arrays = memory;
+    *assembly = grown;
+    return 1;
+}
+
+/* Viscous memory for as many cells; 0: no memory. */
+static int sbi_assembly_grow_memory(sbi_assembly *assembly)
+{
+    const sb_allocator *allocator = &assembly->live->allocator;
+    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
+    size_t used = (size_t)assembly->domain->cell_count;
+    sb_real *history, *prestress;
+    if (!assembly->history)
+        return 1;
+    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
+    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        sbi_free(allocator, prestress);
+        return 0;
+    }
+    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
+    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    return 1;
+}
+
+/* Rings for the capacities of domain and matrix; 0: no memory. */
+static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live, grown = *live;
+    size_t cells = (size_t)assembly->domain->cell_count;
+    grown.node_capacity = matrix->live->row_capacity;
+    grown.cell_capacity = assembly->domain->cell_capacity;
+    grown.block_capacity = matrix->live->block_capacity;
+    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
+        return 0;
+    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
+    for (int i = live->node_capacity; i < grown.node_capacity; i++)
+        grown.corner_first[i] = -1;
+    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
+    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
+    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    sbi_free(&live->allocator, live->memory);
+    *live = grown;
+    return 1;
+}
+
+/* Places to keep what parents have; 0: no memory. */
+static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    sb_quat *inherited;
+    sb_real *memories;
+    if (count <= live->inherited_capacity && stride <= live->stride)
+        return 1;
+    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
+    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
+    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
+    if (!inherited || !memories) {
+        sbi_free(&live->allocator, inherited);
+        sbi_free(&live->allocator, memories);
+        return 0;
+    }
+    sbi_free(&live->allocator, live->inherited);
+    sbi_free(&live->allocator, live->memories);
+    live->inherited = inherited;
+    live->memories = memories;
+    live->inherited_capacity = count;
+    live->stride = stride;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error)
+{
+    sbi_assembly_live *live = assembly->live;
+    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
+    if (more_cells)
+        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
+                 live->block_capacity < matrix->live->block_capacity))
+        made = sbi_assembly_grow_rings(assembly, matrix);
+    if (made)
+        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
+}
+
+/* ---- following -------------------------------------------------------------------------------------------- */
+
+/* Keeps rotations and memories of the parents before any slot is used again. */
+static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int parent = change->made_parents ? change->made_parents[k] : -1;
+        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
+        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
+        if (stride && parent >= 0)
+            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
+                   stride * sizeof(sb_real));
+        else if (stride)
+            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
+    }
+}
+
+/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
+static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
+{
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
+    sbi_batch_set_quat(assembly, e, rotations[1]);
+    if (!stride)
+        return;
+    if (memory)
+        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
+    else
+        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
+    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
+}
+
+static void sbi_assembly_blank(sbi_assembly *assembly, int e)
+{
+    sb_quat rotations[2];
+    rotations[0] = rotations[1] = sb_quat_identity();
+    sbi_assembly_set_history(assembly, e, rotations, NULL);
+    sbi_batch_set_cell(assembly, e);
+}
+
+static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
+{
+    const sb_domain *domain = assembly->domain;
+    const sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int e = old_end; e < domain->cell_count; e++) {
+        assembly->live->units[e / assembly->chunk_size] = -1;
+        sbi_assembly_blank(assembly, e);
+    }
+    for (int k = 0; k < change->removed_cell_count; k++)
+        if (change->removed_cells[k] < domain->cell_count)
+            sbi_assembly_blank(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
+        sbi_batch_set_cell(assembly, e);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
+}
+
+static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
+{
+    if (live->marks[i])
+        return;
+    live->marks[i] = 1;
+    live->rows[live->row_count++] = i;
+}
+
+/* Rings of the nodes, and the list of rows whose maps change. */
+static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    live->row_count = 0;
+    for (int k = 0; k < 4 * change->removed_cell_count; k++) {
+        int node = change->removed_cell_nodes[k];
+        sbi_ring_remove(live, node, 4 * change->removed_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < 4 * change->made_cell_count; k++) {
+        int node = change->made_cell_nodes[k];
+        sbi_ring_add(live, node, 4 * change->made_cells[k / 4] + k % 4);
+        sbi_assembly_mark_row(live, node);
+    }
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        sbi_assembly_mark_row(live, matrix->live->touched[k]);
+    for (int k = 0; k < live->row_count; k++) {
+        live->marks[live->rows[k]] = 0;
+        if (live->rows[k] < matrix->row_count)
+            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    }
+}
+
+static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+{
+    for (int k = 0; k < count; k++)
+        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+}
+
+/* Energy units of chunks with changed cells. */
+static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (assembly->live->units[chunk] < 0)
+            sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    const sb_domain *domain = assembly->domain;
+    int old_end = assembly->live->cell_end;
+    sbi_assembly_read_parents(assembly, change);
+    assembly->live->cell_end = domain->cell_count;
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    sbi_assembly_follow_cells(assembly, change, old_end);
+    sbi_assembly_follow_rings(assembly, matrix, change);
+    sbi_assembly_follow_units(assembly, change);
+    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    if (assembly->viscous)
+        sbi_assembly_begin_step(assembly, 0);
+}
