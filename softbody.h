@@ -43851,7 +43851,7 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
                                       sb_error *error);
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
-SBI_API void sbi_live_take(sb_body *body, sb_body *next);
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -47297,7 +47297,7 @@ SBI_API void sbi_slots_give(sbi_slots *slots, int slot)
 /* ---- what a body has of it ---- */
 
 /* count and a share of it more; -1: too many. */
-static int sbi_live_capacity(int count, sb_real slack)
+static int sbi_live_with_slack(int count, sb_real slack)
 {
     double most = (double)count + (double)slack * (double)count + 1;
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
@@ -47308,7 +47308,7 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     const sb_allocator *allocator = &body->allocator;
     int nodes = body->domain.node_count, cells = body->domain.cell_count;
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int node_capacity = sbi_live_capacity(nodes, def->slack), cell_capacity = sbi_live_capacity(cells, def->slack);
+    int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
     sbi_live *live;
     body->node_capacity = nodes;
     if (def->slack == 0)
@@ -48458,7 +48458,7 @@ SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
     if (result == SB_OK)
         result = sbi_change_ask_listeners(body, &out, error);
     if (result == SB_OK) {
-        sbi_live_take(body, next);
+        sbi_live_replace(body, next);
         next = NULL;
         sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                       change->log_reals.items, (size_t)change->log_reals.count);
@@ -49074,7 +49074,7 @@ static void sbi_live_rebase(sb_body *body)
     body->assembly.jobs = &body->jobs;
 }
 
-SBI_API void sbi_live_take(sb_body *body, sb_body *next)
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
 {
     sb_body old = *body;
     sbi_live *live = body->live, *made = next->live;
@@ -57329,7 +57329,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
         sb_body_destroy(next);
         return result;
     }
-    sbi_live_take(body, next);
+    sbi_live_replace(body, next);
     for (int i = 0; i < body->live->listener_count; i++)
         body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, NULL);
     return SB_OK;

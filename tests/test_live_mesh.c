@@ -291,7 +291,7 @@ static void run_random(sb_body *body, sb_real density, int changes, unsigned lon
     for (int k = 0; k < changes; k++) {
         sb_error error;
         sums before = sums_of(body, density), after;
-        op_kind kind = (op_kind)(int)(check_random(&seed) * OP_KINDS);
+        op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_KINDS);
         int back = depth && (depth == MOST_OPS || check_random(&seed) < 0.45);
         sb_result result = back ? undo(body, ops + depth - 1, &error)
                                 : change_at_random(body, &seed, kind, ops + depth, &error);
@@ -371,7 +371,7 @@ static void test_inverse(void)
     for (int round = 0; round < 4; round++) {
         int depth = 0;
         for (int k = 0; k < 12; k++) {
-            op_kind kind = (op_kind)(int)(check_random(&seed) * OP_REMOVE_CELL);
+            op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_REMOVE_CELL);
             if (!CHECK_OK(change_at_random(body, &seed, kind, ops + depth, &error)))
                 printf("%s\n", error.message);
             depth += ops[depth].cells > 0;
@@ -445,7 +445,7 @@ static void test_materials(void)
                 sb_error error;
                 op o;
                 for (int s = 0; s < 12; s++) {
-                    op_kind kind = (op_kind)(int)(check_random(&seed) * OP_COPY_NODE);
+                    op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_COPY_NODE);
                     sb_step_info info;
                     CHECK_OK(change_at_random(body, &seed, kind, &o, &error));
                     if (s % 3 == 2)
@@ -480,7 +480,7 @@ static void test_against_fresh(void)
         def.newton_tolerance = REAL(1e-4);
     body = scene_body(&def);
     for (int k = 0; k < 20; k++) {
-        op_kind kind = (op_kind)(int)(check_random(&seed) * OP_KINDS);
+        op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_KINDS);
         CHECK_OK(change_at_random(body, &seed, kind, &o, &error));
         if (k == 10)
             CHECK_OK(undo(body, &o, &error));

@@ -600,7 +600,7 @@ static void sbi_live_rebase(sb_body *body)
     body->assembly.jobs = &body->jobs;
 }
 
-SBI_API void sbi_live_take(sb_body *body, sb_body *next)
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
 {
     sb_body old = *body;
     sbi_live *live = body->live, *made = next->live;

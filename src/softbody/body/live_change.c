@@ -885,7 +885,7 @@ SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
     if (result == SB_OK)
         result = sbi_change_ask_listeners(body, &out, error);
     if (result == SB_OK) {
-        sbi_live_take(body, next);
+        sbi_live_replace(body, next);
         next = NULL;
         sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
                       change->log_reals.items, (size_t)change->log_reals.count);

@@ -75,7 +75,7 @@ SBI_API void sbi_slots_give(sbi_slots *slots, int slot)
 /* ---- what a body has of it ---- */
 
 /* count and a share of it more; -1: too many. */
-static int sbi_live_capacity(int count, sb_real slack)
+static int sbi_live_with_slack(int count, sb_real slack)
 {
     double most = (double)count + (double)slack * (double)count + 1;
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
@@ -86,7 +86,7 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     const sb_allocator *allocator = &body->allocator;
     int nodes = body->domain.node_count, cells = body->domain.cell_count;
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int node_capacity = sbi_live_capacity(nodes, def->slack), cell_capacity = sbi_live_capacity(cells, def->slack);
+    int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
     sbi_live *live;
     body->node_capacity = nodes;
     if (def->slack == 0)

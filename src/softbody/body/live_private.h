@@ -78,7 +78,7 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
                                       sb_error *error);
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
-SBI_API void sbi_live_take(sb_body *body, sb_body *next);
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 

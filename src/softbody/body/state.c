@@ -1316,7 +1316,7 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
         sb_body_destroy(next);
         return result;
     }
-    sbi_live_take(body, next);
+    sbi_live_replace(body, next);
     for (int i = 0; i < body->live->listener_count; i++)
         body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, NULL);
     return SB_OK;
