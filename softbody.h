@@ -609,6 +609,26 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_default_change_cell sb_default_change_cell_f32
+#define sb_body_change_begin sb_body_change_begin_f32
+#define sb_body_change_add_node sb_body_change_add_node_f32
+#define sb_body_change_move_node sb_body_change_move_node_f32
+#define sb_body_change_remove_node sb_body_change_remove_node_f32
+#define sb_body_change_add_cell sb_body_change_add_cell_f32
+#define sb_body_change_replace_cell sb_body_change_replace_cell_f32
+#define sb_body_change_remove_cell sb_body_change_remove_cell_f32
+#define sb_body_change_commit sb_body_change_commit_f32
+#define sb_body_change_cancel sb_body_change_cancel_f32
+#define sb_body_node_in_use sb_body_node_in_use_f32
+#define sb_body_cell_in_use sb_body_cell_in_use_f32
+#define sb_body_cell_nodes sb_body_cell_nodes_f32
+#define sb_body_cell_share sb_body_cell_share_f32
+#define sb_body_rest_positions sb_body_rest_positions_f32
+#define sb_body_mesh_version sb_body_mesh_version_f32
+#define sb_body_get_mesh sb_body_get_mesh_f32
+#define sb_body_live_check sb_body_live_check_f32
+#define sb_body_listen sb_body_listen_f32
+#define sb_body_unlisten sb_body_unlisten_f32
 #define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
@@ -2742,11 +2762,65 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 #endif /* SB_MESH_H */
 
 /* ==== src/softbody/mesh/mesh_change.h ==== */
-/* mesh_change: one change of a live mesh, as every room that keeps data by node or cell learns of it. Internal. */
+/* mesh_change: one change of a live mesh, as whoever keeps data by node or cell learns of it. */
 #ifndef SB_MESH_CHANGE_H
 #define SB_MESH_CHANGE_H
 
 
+/* Nodes and cells live in slots: they keep their numbers while they exist, and slots that were removed last are used
+ * first. A slot that is removed and used again within one change stands in both lists: rooms take out all that goes
+ * before they bring in what comes. A source may be a slot that this change removes or makes: rooms read all sources
+ * before they write any node.
+ *
+ * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
+ * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
+ * 0 may be NULL.
+ *
+ * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
+ * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
+ *
+ * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
+ * can be seen. sbi_ROOM_follow then cannot fail. */
+typedef struct sb_mesh_change {
+    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
+    int nodes_per_cell;     /* n below */
+
+    int made_node_count;
+    const int *made_nodes;         /* [made_node_count] */
+    const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
+    const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
+    const sb_real *source_weights; /* >= 0, they sum to 1 */
+
+    const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
+
+    int removed_node_count;
+    const int *removed_nodes;  /* [removed_node_count] */
+    const int *heir_start;     /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
+    const int *heirs;          /* nodes in use after the change that loads, mappings and constraints go over to */
+    const sb_real *heir_weights; /* they sum to 1 */
+
+    int moved_node_count;
+    const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
+    const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+
+    int removed_cell_count;
+    const int *removed_cells;      /* [removed_cell_count] */
+    const int *removed_cell_nodes; /* [removed_cell_count][n] the nodes they had */
+
+    int made_cell_count;
+    const int *made_cells;      /* [made_cell_count] */
+    const int *made_cell_nodes; /* [made_cell_count][n] */
+    const int *made_parents;    /* [made_cell_count] cell as numbered before the change whose rotation and memory the
+                                 * made one inherits, or -1: rest */
+    const sb_real *made_shares; /* [made_cell_count] volume of material over volume of the element, 0 to 1; NULL: 1 */
+
+    int reshaped_cell_count;
+    const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
+                                * nodes that are not made by this change */
+    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
+} sb_mesh_change;
+
+typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
 
 #endif /* SB_MESH_CHANGE_H */
 
@@ -5203,6 +5277,9 @@ typedef struct sb_body_def {
                                        * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
     sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
                                        * default 1e-6 */
+    sb_real slack;                    /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
+                                       * is in reserve, so that pointers to arrays by node stay valid while it lasts;
+                                       * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
     sb_clock clock;                   /* for sb_step_info's times; default NULL */
@@ -5380,6 +5457,132 @@ SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
 SB_API const char *sb_check_string(unsigned warning);
 
 #endif /* SB_BODY_H */
+
+/* ==== src/softbody/body/live_mesh.h ==== */
+/* live_mesh: a body whose mesh changes while it lives: split, cut, eroded, remeshed. Floor 3.
+ *
+ *     sb_body_change *change;
+ *     sb_body_change_begin(body, &change, &error);
+ *     sb_body_change_add_node(change, x, ends, halves, 2, 0, &middle, &error);
+ *     ... remove the cells of the edge, add their halves ...
+ *     if (sb_body_change_commit(change, &error)) sb_body_change_cancel(change);
+ *
+ * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed last
+ * is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
+ * sb_body_element_count count slots, free ones among them (sb_body_node_in_use, sb_body_cell_in_use): arrays by node
+ * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and no
+ * stress.
+ *
+ * What a change does to what is there:
+ * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources. Where the cells made
+ *   weigh what those they replace did, the nodes of the cells that changed then get a common rigid velocity, so that
+ *   linear and angular momentum are what they were, to rounding. Nodes with supports get none of it; momentum that the
+ *   others cannot take (fewer than three, or in one line) goes to the supports.
+ *   Cells removed for good take their mass and its momentum along: velocities stay.
+ * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
+ * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
+ *   (SB_NODE_COPY) is not. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
+ *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
+ *   removed cell becomes the same material point of the cell made there. Points in space stay.
+ * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
+ * - Others that follow (sb_body_listen): embeddings, contact, needles.
+ *
+ * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
+ * as much again, and they have to be asked for anew. */
+#ifndef SB_LIVE_MESH_H
+#define SB_LIVE_MESH_H
+
+
+typedef struct sb_body_change sb_body_change;
+
+/* Options of a node, to be added. */
+enum {
+    SB_NODE_COPY = 1 /* a copy where material parts: supports do not go over to it */
+};
+
+/* A cell to be made. Start from sb_default_change_cell(). */
+typedef struct sb_change_cell {
+    const int *nodes;     /* as many as the body's elements have, in their order; read during the call */
+    int parent;           /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
+    int region;           /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
+    const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
+    sb_real share;        /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
+                           * stiffness and mass are its share of the whole cell's */
+} sb_change_cell;
+SB_API sb_change_cell sb_default_change_cell(void);
+
+/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the change as it was before
+ * them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is open. SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error);
+
+/* Makes a node at a place of the reference shape (m); *node is its number.
+ * sources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1
+ * flags             0 or SB_NODE_COPY
+ * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
+                                         const sb_real *weights, int count, int flags, int *node, sb_error *error);
+/* Moves a node in the reference shape; its displacement stays. Its cells change shape, also those not named here. */
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error);
+/* Removes a node in use before the change.
+ * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
+SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
+                                            int count, sb_error *error);
+/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit. */
+SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
+                                         sb_error *error);
+/* Removes a cell and makes another in its slot. */
+SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number, const sb_change_cell *cell,
+                                             sb_error *error);
+SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, sb_error *error);
+
+/* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
+ * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
+ * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would lose
+ * its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what a listener says. */
+SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
+SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
+
+/* ---- readings ---- */
+SB_API int sb_body_node_in_use(const sb_body *body, int node);
+SB_API int sb_body_cell_in_use(const sb_body *body, int cell);
+/* Nodes of a cell in use, or NULL; valid until the next change. */
+SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell);
+/* Share of a cell's volume that is material; 0 for a free one. */
+SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
+/* [node_count] the reference shape (m). */
+SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
+/* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
+SB_API int sb_body_mesh_version(const sb_body *body);
+/* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
+ * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
+ * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */
+SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
+                                  int *cells, sb_error *error);
+/* Whether slots, masses, volumes, lists and matrix are what the mesh says: for tests. SB_ERROR_STATE names the first
+ * fault. Allocates scratch (SB_ERROR_MEMORY). */
+SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error);
+
+/* ---- those that follow ---- */
+/* Calls that learn of changes. All members but follow may be NULL. */
+typedef struct sb_body_listener {
+    void *user;
+    /* Before anything changes: takes the memory that following needs, or refuses with an error. */
+    sb_result (*reserve)(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error);
+    /* The change happened. change NULL: the whole mesh is another (a state was loaded). */
+    void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change);
+    /* Another refused after reserve. */
+    void (*give_up)(void *user);
+} sb_body_listener;
+/* Called in the order of registration, after the body's own loads and constraints. *id serves to end it; listeners end
+ * with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error);
+SB_API sb_result sb_body_unlisten(sb_body *body, int id);
+
+#endif /* SB_LIVE_MESH_H */
 
 /* ==== src/softbody/body/load.h ==== */
 /* load: forces on a body: dead loads, follower pressure, springs, penalty mappings. Floor 3. */
@@ -6108,52 +6311,6 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
 /* How a face is cut into triangles with its nodes as corners; returns how many. */
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3]);
 
-/* ==== src/softbody/mesh/mesh_change.h, internal ==== */
-/* Nodes and cells live in slots: they keep their numbers while they exist, and slots that were removed last are used
- * first. A slot that is removed and used again within one change stands in both lists: rooms take out all that goes
- * before they bring in what comes. A source may be a slot that this change removes or makes: rooms read all sources
- * before they write any node.
- *
- * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
- * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
- * 0 may be NULL.
- *
- * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
- * can be seen. sbi_ROOM_follow then cannot fail. */
-typedef struct sbi_mesh_change {
-    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
-    int nodes_per_cell;     /* n below */
-
-    int made_node_count;
-    const int *made_nodes;         /* [made_node_count] */
-    const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
-    const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
-    const sb_real *source_weights; /* >= 0, they sum to 1 */
-
-    int removed_node_count;
-    const int *removed_nodes; /* [removed_node_count] */
-
-    int moved_node_count;
-    const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
-    const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
-
-    int removed_cell_count;
-    const int *removed_cells;      /* [removed_cell_count] */
-    const int *removed_cell_nodes; /* [removed_cell_count][n] the nodes they had */
-
-    int made_cell_count;
-    const int *made_cells;      /* [made_cell_count] */
-    const int *made_cell_nodes; /* [made_cell_count][n] */
-    const int *made_parents;    /* [made_cell_count] cell as numbered before the change whose rotation and memory the
-                                 * made one inherits, or -1: rest */
-    const sb_real *made_shares; /* [made_cell_count] volume of material over volume of the element, 0 to 1; NULL: 1 */
-
-    int reshaped_cell_count;
-    const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
-                                * nodes that are not made by this change */
-    const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
-} sbi_mesh_change;
-
 /* ==== src/softbody/mesh/image.h, internal ==== */
 #if !defined(SB_NO_FILES)
 /* Position of the point with the coordinates i, j, k, and the way back. */
@@ -6261,6 +6418,12 @@ SBI_API void sbi_direct_take_values(sb_direct *direct);
  * on failure. */
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
+/* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
+ * positions  [node_count] (m)
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
+ * SB_ERROR_MESH names the element. */
+SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
+                                  const sb_real *shares, sb_error *error);
 /* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
@@ -39077,11 +39240,11 @@ static int sbi_domain_tet10_is_curved(const sb_vec3 *x)
     return 0;
 }
 
-static void sbi_domain_gather(const sb_mesh *mesh, int element, int node_count, sb_vec3 *x)
+static void sbi_domain_gather(const int *elements, const sb_vec3 *positions, int element, int node_count, sb_vec3 *x)
 {
-    const int *nodes = mesh->elements + (size_t)element * (size_t)node_count;
+    const int *nodes = elements + (size_t)element * (size_t)node_count;
     for (int a = 0; a < node_count; a++)
-        x[a] = mesh->nodes[nodes[a]];
+        x[a] = positions[nodes[a]];
 }
 
 static int sbi_domain_has_curved_side(const sb_mesh *mesh)
@@ -39090,7 +39253,7 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     if (mesh->element_type != SB_TET10)
         return 0;
     for (int e = 0; e < mesh->element_count; e++) {
-        sbi_domain_gather(mesh, e, 10, x);
+        sbi_domain_gather(mesh->elements, mesh->nodes, e, 10, x);
         if (sbi_domain_tet10_is_curved(x))
             return 1;
     }
@@ -39115,26 +39278,34 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
-/* Fills weights and gradients of every cell; the arrays are there. */
-static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
+SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
+                                  const sb_real *shares, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_mesh_element_kind(mesh);
+    sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
-    for (int e = 0; e < mesh->element_count; e++) {
+    for (int e = 0; e < domain->cell_count; e++) {
+        size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        sbi_domain_gather(mesh, e, n, x);
+        if (shares && !(shares[e] > 0)) {
+            memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
+            memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
+            continue;
+        }
+        sbi_domain_gather(domain->cells, positions, e, n, x);
         for (int p = 0; p < q; p++) {
-            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
+            size_t at = first + (size_t)p;
+            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
             if (!(det > 0))
                 return sbi_fail_element(error, SB_ERROR_MESH, e,
                                         "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
                                         (double)det);
             domain->weights[at] = det * weights[p];
+            if (shares)
+                domain->weights[at] *= shares[e];
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -39209,7 +39380,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
         sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(mesh, kind, &made, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;
@@ -41059,6 +41230,11 @@ SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly);
 SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+/* One cell forgets. */
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u);
+/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
+ * sbi_assembly_begin_step(to, 0). */
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 
 /* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
  * [points_per_cell] deformation gradients and what they turn by. */
@@ -41115,6 +41291,8 @@ SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
 SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
+/* The one of a cell, from that of a cell of another assembly. */
+SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
@@ -41287,7 +41465,7 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
             for (int a = 0; a < n; a++)
                 for (int b = a; b < n; b++, block++) {
                     int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
-                    if (a == b)
+                    if (cell[a] == cell[b]) /* the diagonal, and all of a free slot */
                         continue;
                     if (pass == 0)
                         start[at]++;
@@ -41368,6 +41546,18 @@ SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
 {
     for (size_t i = 0; assembly->batch_quats && i < sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES; i++)
         assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+/* Where the four numbers of a cell's rotation stand, SB_POLAR_LANES apart. */
+static sb_real *sbi_batch_quat_at(const sbi_assembly *assembly, int cell)
+{
+    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+}
+
+SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    for (int k = 0; to->batch_quats && from->batch_quats && k < 4 * SB_POLAR_LANES; k += SB_POLAR_LANES)
+        sbi_batch_quat_at(to, cell)[k] = sbi_batch_quat_at(from, old)[k];
 }
 
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore)
@@ -43003,6 +43193,29 @@ SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_r
     return sbi_memory_run(assembly, u, dt, -1);
 }
 
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
+        return;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = (sb_real)INFINITY;
+    sbi_memory_advance_cell(&job, cell);
+    sbi_memory_prestress_cell(assembly, cell, 0);
+}
+
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    size_t q = (size_t)to->domain->points_per_cell;
+    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
+    sbi_batch_copy_cell(to, cell, from, old);
+    if (to->history && from->history && to->terms == from->terms) {
+        size_t stride = q * sbi_memory_stride(to);
+        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
+    }
+}
+
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
 {
     sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
@@ -44512,6 +44725,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
+    SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
     SBI_COMMAND_COUNT
@@ -44550,7 +44764,10 @@ struct sb_body {
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
     sbi_assembly assembly;
-    void *memory;                /* the one block behind the arrays below and in assembly */
+    int node_capacity;           /* node slots that the arrays by node have room for */
+    void *memory;                /* the one block behind the arrays by node */
+    void *topology_memory;       /* the one behind those by part and by block of the matrix, and those in assembly */
+    struct sbi_live *live;       /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
     int material_count;          /* one per region of the mesh */
     int *material_regions;       /* [material_count] ascending region numbers */
     sb_material *materials;      /* [material_count] */
@@ -44689,6 +44906,14 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* arrays by node for node_capacity slots, and those by part and block once the matrix is there; */
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error);
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error);
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from); /* all arrays by node */
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the other's */
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
+/* parts of the nodes and their boxes; holds the nodes of no element; */
+SBI_API void sbi_body_label_nodes(sb_body *body);
 /* regions and materials, one material per region, and each cell's material; */
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
@@ -44697,6 +44922,8 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+/* directions at unit length; */
+SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);
@@ -44771,6 +44998,152 @@ SB_INLINE int sbi_body_points(const sb_body *body)
 }
 
 #endif /* SB_BODY_PRIVATE_H */
+
+/* ==== src/softbody/body/live_private.h ==== */
+/* live_private: slots of a mesh that changes, a change under way, and the body with its next mesh. Internal. */
+#ifndef SB_LIVE_PRIVATE_H
+#define SB_LIVE_PRIVATE_H
+
+
+/* Slots of nodes or of cells. The next ones to be used are stack[count - 1] .. stack[0], then fresh, fresh + 1 ...; a
+ * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a change
+ * and its inverse leave no trace. */
+typedef struct sbi_slots {
+    int end;            /* slots in use or free lie below */
+    int fresh;
+    int count;          /* of the stack */
+    int *stack;         /* [capacity] */
+    unsigned char *used;/* [capacity] */
+    int capacity;
+} sbi_slots;
+
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
+SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator);
+/* The next slot, which is used then; -1: full. */
+SBI_API int sbi_slots_take(sbi_slots *slots);
+SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
+SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
+
+typedef struct sbi_listener {
+    int id;
+    sb_body_listener calls;
+} sbi_listener;
+
+typedef struct sbi_live {
+    sbi_slots nodes, cells;
+    sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_quadrature_kind rule;  /* of the domain's points */
+    int version;
+    sb_body_change *open;     /* the change under way, or NULL */
+    sbi_listener *listeners;
+    int listener_count, listener_capacity, last_listener;
+} sbi_live;
+
+/* A mesh in slots, as a body is to have it. */
+typedef struct sbi_live_mesh {
+    sbi_slots nodes, cells;
+    sb_vec3 *positions;       /* [nodes.end] */
+    int *corners;             /* [cells.end][n]; 0 in free slots */
+    int *material;            /* [cells.end] index of the region */
+    sb_real *shares;          /* [cells.end] 0: free */
+    int *inherit;             /* [cells.end] cell of the body that it inherits from, or -1: none */
+    unsigned char *kept;      /* [cells.end] 1: it is that cell */
+    sb_vec3 *fibres;          /* [cells.end] unit directions or 0; NULL: the body has none */
+    void *memory;
+} sbi_live_mesh;
+
+/* Makes and frees what a body with slack has besides. */
+SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
+SBI_API void sbi_live_destroy(sb_body *body);
+
+/* Room for a mesh with copies of these slots. */
+SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                         sbi_live_mesh *mesh, sb_error *error);
+/* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error);
+SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
+/* Lists what the body's mesh has in these slots. */
+SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
+
+/* *next = a body like this one with another mesh, at rest, without supports, loads and constraints. SB_ERROR_MESH: a
+ * cell inside out; SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error);
+/* Brings motion, supports, loads and constraints over to it. On failure it is good for sb_body_destroy only. */
+SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
+                                 sb_body *next, sb_error *error);
+/* The same of loads and constraints. */
+SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change *change, sb_body *next,
+                                      sb_error *error);
+/* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
+ * arrays by node. */
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Makes a recorded change again. */
+SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
+
+/* Density times share of material; 0 of a free cell. */
+SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
+{
+    sb_real density = body->materials[body->cell_material[cell]].density;
+    return body->live ? density * body->live->shares[cell] : density;
+}
+SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+
+#endif /* SB_LIVE_PRIVATE_H */
+
+/* ==== src/softbody/body/live_change.h ==== */
+/* live_change: a change of the mesh as it is put together. Internal. */
+#ifndef SB_LIVE_CHANGE_H
+#define SB_LIVE_CHANGE_H
+
+
+/* A node made, removed or moved. */
+typedef struct sbi_changed_node {
+    int node;
+    int first, count;  /* sources (numbers before the change) or heirs among the entries */
+    int flags;
+    int dropped;       /* 1: made and removed again */
+    sb_vec3 position;
+} sbi_changed_node;
+
+typedef struct sbi_changed_cell {
+    int cell, parent;  /* parent: number before the change, or -1 */
+    int material;      /* index of its region */
+    int first;         /* its corners */
+    int dropped, has_fibre;
+    sb_real share;
+    sb_vec3 fibre;
+} sbi_changed_cell;
+
+typedef struct sbi_change_entry {
+    int node;
+    sb_real weight;
+} sbi_change_entry;
+
+struct sb_body_change {
+    sb_body *body;
+    sbi_slots nodes, cells; /* as they are at this point */
+    struct { sbi_changed_node *items; int count, capacity; } made_nodes, removed_nodes, moved_nodes;
+    struct { sbi_changed_cell *items; int count, capacity; } made_cells;
+    struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
+    struct { sbi_change_entry *items; int count, capacity; } entries;
+    struct { sb_real *items; int count, capacity; } log_reals;
+    int reshaped_most; /* upper bound of the cells reshaped */
+    int version;       /* of the body's mesh at the beginning */
+};
+
+/* The arrays behind an sb_mesh_change. */
+typedef struct sbi_change_lists {
+    void *memory;
+    int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
+    int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
+    unsigned char *made_copies;
+    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
+    sb_vec3 *moved_from;
+} sbi_change_lists;
+
+#endif /* SB_LIVE_CHANGE_H */
 
 /* ==== src/softbody/body/body_material.c ==== */
 /* body_material: regions, their materials, fibres, and what follows from them. */
@@ -44870,7 +45243,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
 {
     for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
-        if (index < 0 || body->cell_material[e] == index)
+        if ((index < 0 || body->cell_material[e] == index) && sbi_live_has_cell(body, e))
             return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
                                     "the material of element %d has fibres, but no directions were given (def.fibres)",
                                     e);
@@ -44878,7 +45251,7 @@ static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_m
 }
 
 /* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
-static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
 {
     for (int e = 0; e < count; e++) {
         sb_vec3 a = fibres[e];
@@ -45095,6 +45468,15 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
+    if (body->live) { /* without free nodes */
+        low = body->component_low[0], high = body->component_high[0];
+        for (int c = 1; c < body->component_count; c++) {
+            sb_vec3 a = body->component_low[c], b = body->component_high[c];
+            low = sb_v3(sb_min(low.x, a.x), sb_min(low.y, a.y), sb_min(low.z, a.z));
+            high = sb_v3(sb_max(high.x, b.x), sb_max(high.y, b.y), sb_max(high.z, b.z));
+        }
+        return sb_v3_norm(sb_v3_sub(high, low));
+    }
     sb_mesh_bounds(&mesh, &low, &high);
     return sb_v3_norm(sb_v3_sub(high, low));
 }
@@ -45129,9 +45511,11 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
     for (int e = 0; e < body->domain.cell_count; e++) {
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sbi_body_gather_reference(body, e, x);
         sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
-        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+        sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
 
@@ -45249,7 +45633,9 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
     for (int e = 0; e < body->domain.cell_count; e++) {
         const int *cell = body->domain.cells + (size_t)e * (size_t)n;
-        sb_real density = body->materials[body->cell_material[e]].density;
+        sb_real density = sbi_live_density(body, e);
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
             sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
@@ -45557,7 +45943,7 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *mat
     *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
     if (young && *moduli) {
         for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+            young[e] = sbi_live_has_cell(body, e) ? sb_material_young(body->materials + body->cell_material[e]) : 0;
         result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
                                           *moduli, error);
     } else {
@@ -46356,7 +46742,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
-    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= sbi_body_points(body))
+    if (!sb_body_cell_in_use(body, element) || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
     sbi_body_element_stresses(body, element, all, admissible);
     if (!admissible[point])
@@ -46529,6 +46915,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
     report->size = sbi_body_size(body);
     report->worst_quality = 1;
     for (int e = 0; e < mesh.element_count; e++) {
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
         report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
@@ -46538,7 +46926,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
         }
     }
     for (int i = 0; i < mesh.node_count; i++)
-        report->unreferenced_count += body->node_component[i] < 0;
+        report->unreferenced_count += body->node_component[i] < 0 && sb_body_node_in_use(body, i);
     report->component_count = body->component_count;
     if (report->size > 10 || report->size < (sb_real)1e-3)
         report->warnings |= SB_CHECK_SIZE;
@@ -46574,7 +46962,8 @@ static void sbi_body_check_locking(const sb_body *body, sb_check_report *report)
     report->locking_limit = sbi_body_locking_limit(&body->domain);
     report->locking_element = -1;
     for (int e = 0; e < body->domain.cell_count; e++) {
-        if (!(sb_material_poisson(body->materials + body->cell_material[e]) > rounding * report->locking_limit))
+        if (!sbi_live_has_cell(body, e) ||
+            !(sb_material_poisson(body->materials + body->cell_material[e]) > rounding * report->locking_limit))
             continue;
         if (report->locking_count++ == 0)
             report->locking_element = e;
@@ -46643,6 +47032,7 @@ SB_API sb_body_def sb_default_body_def(void)
     def.preconditioner = SB_PRECOND_AUTO;
     def.levels = NULL;
     def.level_count = 0;
+    def.slack = 0;
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
@@ -46707,6 +47097,8 @@ SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (!(def->slack >= 0) || !(def->slack <= 1000))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
     if (def->allocator.alloc && !def->allocator.release)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
     if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
@@ -46738,49 +47130,113 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
 
 /* ---- creation: memory ---- */
 
-/* Lays out every array of the body; walked once to measure and once to hand out. */
-static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+/* The vectors by node, which a live mesh carries over when it grows. */
+enum { SBI_BODY_VECTORS = 26 };
+static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
-    size_t n = (size_t)body->domain.node_count;
-    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
-                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
-                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
-                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
-                           &body->work,      &body->work2};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
+    sb_vec3 **list[SBI_BODY_VECTORS] = {
+        &body->reference, &body->position, &body->displacement, &body->velocity, &body->target, &body->dead_load,
+        &body->acceleration, &body->internal, &body->external, &body->follower, &body->equilibrated, &body->residual,
+        &body->rhs, &body->increment, &body->reaction, &body->velocity0, &body->acceleration0, &body->start,
+        &body->saved_velocity, &body->saved_acceleration, &body->saved_reaction, &body->saved_external,
+        &body->saved_internal, &body->converged, &body->work, &body->work2};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* Lays out every array by node slot; walked once to measure and once to hand out. */
+static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->node_capacity;
+    sb_vec3 **vectors[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(body, vectors);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+}
+
+/* The same for what depends on cells, parts and the matrix. */
+static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
+{
+    size_t parts = (size_t)body->component_count;
     body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
-static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+/* One block of zeros for a layout, or NULL. */
+static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
 {
     sbi_arena arena = {NULL, 0, 0};
     unsigned char *base;
-    sbi_body_layout(body, &arena);
-    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
-                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
-    if (!body->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
-    base = (unsigned char *)body->memory;
-    memset(base, 0, arena.used + 64);
+    layout(body, &arena);
+    base = arena.overflow || arena.used > (size_t)-1 - 64
+               ? NULL
+               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
+    if (!base)
+        return NULL;
     arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
     arena.used = 0;
-    sbi_body_layout(body, &arena);
-    return SB_OK;
+    layout(body, &arena);
+    return base;
+}
+
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
+{
+    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
+    return body->memory ? SB_OK
+                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
+}
+
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
+{
+    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
+    return body->topology_memory ? SB_OK
+                                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements",
+                                            body->domain.cell_count);
+}
+
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
+{
+    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
+    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(to, out);
+    sbi_body_list_vectors(from, in);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
+    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
+    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
+    memcpy(to->fixed, from->fixed, n);
+    memcpy(to->node_component, from->node_component, n * sizeof(int));
+}
+
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
+{
+    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
+    sb_body other = *a;
+    sbi_body_list_vectors(a, left);
+    sbi_body_list_vectors(b, right);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
+        sb_vec3 *vector = *left[i];
+        *left[i] = *right[i];
+        *right[i] = vector;
+    }
+    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
+    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
+    a->fixed = b->fixed, b->fixed = other.fixed;
+    a->node_component = b->node_component, b->node_component = other.node_component;
+    a->memory = b->memory, b->memory = other.memory;
+    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
+    a->assembly.reference = a->reference;
+    b->assembly.reference = b->reference;
 }
 
 /* ---- creation: topology ---- */
@@ -46807,8 +47263,7 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
-static void sbi_body_label_nodes(sb_body *body)
+SBI_API void sbi_body_label_nodes(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
     for (int c = 0; c < body->component_count; c++) {
@@ -46820,18 +47275,31 @@ static void sbi_body_label_nodes(sb_body *body)
         int first = lists->offsets[i];
         int lonely = first == lists->offsets[i + 1];
         body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        body->fixed[i] = lonely ? SB_XYZ : 0;
-        if (!lonely)
+        if (lonely) /* it would make every system singular */
+            body->fixed[i] = SB_XYZ;
+        else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
     }
 }
 
 /* ---- creation and its end ---- */
 
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
+{
+    uint64_t *node_colours =
+        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(&body->allocator, node_colours);
+    return SB_OK;
+}
+
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
-    uint64_t *node_colours;
     sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
                                    : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
                                                       &body->domain, error);
@@ -46841,20 +47309,19 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_topology(body, def->mesh, error);
     if (result == SB_OK)
-        result = sbi_body_take_memory(body, error);
+        result = sbi_live_create(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(body, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(body, error);
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
-    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -46929,7 +47396,9 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
+    sbi_live_destroy(body);
     sbi_free(&allocator, body);
 }
 
@@ -48084,6 +48553,2461 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     body->load_count--;
     sbi_body_tell(body, SBI_COMMAND_REMOVE_LOAD, load_id, 0, NULL, 0, NULL, 0);
     return SB_OK;
+}
+
+/* ==== src/softbody/body/live_mesh.c ==== */
+/* live_mesh: slots, readings and listeners of a mesh that may change. */
+
+#include <string.h>
+
+/* ---- slots ---- */
+
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator)
+{
+    memset(slots, 0, sizeof *slots);
+    slots->stack = (int *)sbi_alloc(allocator, (size_t)capacity + 1, sizeof(int));
+    slots->used = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)capacity + 1, 1);
+    if (!slots->stack || !slots->used) {
+        sbi_slots_free(slots, allocator);
+        return 0;
+    }
+    slots->capacity = capacity;
+    slots->end = slots->fresh = used;
+    memset(slots->used, 1, (size_t)used);
+    return 1;
+}
+
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
+        return 0;
+    to->end = from->end;
+    to->fresh = from->fresh;
+    to->count = from->count;
+    memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
+    memcpy(to->used, from->used, (size_t)from->capacity);
+    return 1;
+}
+
+SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator)
+{
+    sbi_free(allocator, slots->stack);
+    sbi_free(allocator, slots->used);
+    memset(slots, 0, sizeof *slots);
+}
+
+SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot)
+{
+    return slot >= 0 && slot < slots->end && slots->used[slot];
+}
+
+SBI_API int sbi_slots_take(sbi_slots *slots)
+{
+    int slot;
+    if (slots->count == 0 && slots->fresh == slots->capacity)
+        return -1;
+    slot = slots->count ? slots->stack[--slots->count] : slots->fresh++;
+    slots->used[slot] = 1;
+    slots->end = sbi_max_int(slots->end, slot + 1);
+    return slot;
+}
+
+SBI_API void sbi_slots_give(sbi_slots *slots, int slot)
+{
+    int merged = 0;
+    slots->used[slot] = 0;
+    slots->stack[slots->count++] = slot;
+    while (slots->end > 0 && !slots->used[slots->end - 1])
+        slots->end--;
+    while (merged < slots->count && slots->stack[merged] == slots->fresh - 1) {
+        slots->fresh--;
+        merged++;
+    }
+    slots->count -= merged;
+    if (merged)
+        memmove(slots->stack, slots->stack + merged, (size_t)slots->count * sizeof(int));
+}
+
+/* ---- what a body has of it ---- */
+
+/* count and a share of it more; -1: too many. */
+static int sbi_live_with_slack(int count, sb_real slack)
+{
+    double most = (double)count + (double)slack * (double)count + 1;
+    return most < (double)(INT32_MAX / 8) ? (int)most : -1;
+}
+
+SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    int nodes = body->domain.node_count, cells = body->domain.cell_count;
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
+    sbi_live *live;
+    body->node_capacity = nodes;
+    if (def->slack == 0)
+        return SB_OK;
+    if (def->domain)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.slack does not go with def.domain: where points of new cells "
+                                                     "would be is unknown");
+    live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    body->live = live;
+    if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
+        !sbi_slots_create(&live->cells, cell_capacity, cells, allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d nodes and %g as much in reserve", nodes,
+                        (double)def->slack);
+    live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)cell_capacity, sizeof(sb_real));
+    if (!live->shares)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
+    for (int e = 0; e < cells; e++)
+        live->shares[e] = 1;
+    live->rule = body->domain.points_per_cell - body->domain.mean_point ==
+                         sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
+                     ? SB_QUADRATURE_STIFFNESS
+                     : SB_QUADRATURE_STIFFNESS_CURVED;
+    body->node_capacity = node_capacity;
+    return SB_OK;
+}
+
+SBI_API void sbi_live_destroy(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live)
+        return;
+    sb_body_change_cancel(live->open);
+    sbi_slots_free(&live->nodes, &body->allocator);
+    sbi_slots_free(&live->cells, &body->allocator);
+    sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->listeners);
+    sbi_free(&body->allocator, live);
+    body->live = NULL;
+}
+
+/* ---- readings ---- */
+
+SB_API int sb_body_node_in_use(const sb_body *body, int node)
+{
+    if (!body || node < 0 || node >= body->domain.node_count)
+        return 0;
+    return !body->live || body->live->nodes.used[node];
+}
+
+SB_API int sb_body_cell_in_use(const sb_body *body, int cell)
+{
+    return body && cell >= 0 && cell < body->domain.cell_count && sbi_live_has_cell(body, cell);
+}
+
+SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell
+                                           : NULL;
+}
+
+SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
+{
+    if (!sb_body_cell_in_use(body, cell))
+        return 0;
+    return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
+SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
+
+SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
+                                  int *cells, sb_error *error)
+{
+    sb_mesh made;
+    int *number, count = 0, n;
+    if (!body || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_get_mesh needs a body and a mesh");
+    memset(&made, 0, sizeof made);
+    if (allocator)
+        made.allocator = *allocator;
+    n = body->domain.nodes_per_cell;
+    made.element_type = body->domain.element_type;
+    made.table = body->domain.table;
+    number = (int *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(int));
+    made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
+    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, (size_t)n * sizeof(int));
+    made.regions = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, sizeof(int));
+    if (!number || !made.nodes || !made.elements || !made.regions) {
+        sbi_free(allocator, number);
+        sb_mesh_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
+    }
+    for (int i = 0; i < body->domain.node_count; i++) {
+        number[i] = sb_body_node_in_use(body, i) ? count++ : -1;
+        if (number[i] >= 0)
+            made.nodes[number[i]] = body->reference[i];
+    }
+    made.node_count = count;
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        int used = sb_body_cell_in_use(body, e);
+        if (cells)
+            cells[e] = used ? made.element_count : -1;
+        for (int a = 0; a < n && used; a++)
+            made.elements[made.element_count * n + a] = number[body->domain.cells[e * n + a]];
+        if (used)
+            made.regions[made.element_count++] = body->material_regions[body->cell_material[e]];
+    }
+    if (nodes)
+        memcpy(nodes, number, (size_t)body->domain.node_count * sizeof(int));
+    sbi_free(allocator, number);
+    *mesh = made;
+    return SB_OK;
+}
+
+/* ---- listeners ---- */
+
+SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error)
+{
+    sbi_live *live;
+    if (!body || !listener || !listener->follow)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_listen needs a body and a listener that follows");
+    live = body->live;
+    if (!live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body does not change: def.slack was 0");
+    if (live->listener_count == live->listener_capacity) {
+        int capacity = live->listener_capacity + live->listener_capacity / 2 + 4;
+        sbi_listener *grown = (sbi_listener *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+        if (!grown)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d listeners", capacity);
+        if (live->listener_count)
+            memcpy(grown, live->listeners, (size_t)live->listener_count * sizeof *grown);
+        sbi_free(&body->allocator, live->listeners);
+        live->listeners = grown;
+        live->listener_capacity = capacity;
+    }
+    live->listeners[live->listener_count].id = ++live->last_listener;
+    live->listeners[live->listener_count++].calls = *listener;
+    if (id)
+        *id = live->last_listener;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_unlisten(sb_body *body, int id)
+{
+    sbi_live *live = body ? body->live : NULL;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; live && i < live->listener_count; i++)
+        if (live->listeners[i].id == id) {
+            live->listener_count--;
+            memmove(live->listeners + i, live->listeners + i + 1,
+                    (size_t)(live->listener_count - i) * sizeof *live->listeners);
+            return SB_OK;
+        }
+    return SB_ERROR_INDEX;
+}
+
+/* ---- check ---- */
+
+static sb_result sbi_live_check_slots(const sbi_slots *slots, int end, const char *what, sb_error *error)
+{
+    int stacked = 0;
+    if (slots->end != end || slots->fresh > slots->capacity || slots->end > slots->fresh)
+        return sbi_fail(error, SB_ERROR_STATE, "slots of %s end at %d, not at %d", what, slots->end, end);
+    if (end > 0 && !slots->used[end - 1])
+        return sbi_fail(error, SB_ERROR_STATE, "the last slot of %s is free", what);
+    for (int i = 0; i < slots->fresh; i++)
+        stacked += !slots->used[i];
+    if (stacked != slots->count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what, slots->count);
+    for (int k = 0; k < slots->count; k++)
+        if (slots->stack[k] < 0 || slots->stack[k] >= slots->fresh || slots->used[slots->stack[k]])
+            return sbi_fail(error, SB_ERROR_STATE, "slot %d of %s waits though it is in use", slots->stack[k], what);
+    return SB_OK;
+}
+
+/* Corners, share and volume of one cell. */
+static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    int n = domain->nodes_per_cell, q = domain->points_per_cell, used = body->live->cells.used[e] != 0;
+    const int *cell = domain->cells + (size_t)e * (size_t)n;
+    if (used != (body->live->shares[e] > 0))
+        return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the share %g", e, (double)body->live->shares[e]);
+    for (int p = 0; p < q; p++)
+        if ((domain->weights[(size_t)e * (size_t)q + (size_t)p] > 0) != used)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the weight %g at point %d", e,
+                                    (double)domain->weights[(size_t)e * (size_t)q + (size_t)p], p);
+    for (int a = 0; a < n; a++) {
+        if (used ? !sb_body_node_in_use(body, cell[a]) : cell[a] != 0)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has node %d, which is not in use", e, cell[a]);
+        for (int b = 0; b < n && used; b++)
+            if (sb_matrix_find(&body->matrix, cell[a], cell[b]) < 0)
+                return sbi_fail_element(error, SB_ERROR_STATE, e, "the matrix does not couple nodes %d and %d", cell[a],
+                                        cell[b]);
+    }
+    return SB_OK;
+}
+
+/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    int n = body->domain.nodes_per_cell;
+    sb_vec3 u = body->displacement[i], v = body->velocity[i];
+    if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
+                                          body->fixed[i] != SB_XYZ || body->node_component[i] >= 0))
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "free node %d moves or is not held", i);
+    if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
+                             (double)body->lumped_mass[i], (double)mass);
+    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        int found = 0;
+        for (int a = 0; a < n; a++)
+            found |= cell[a] == i;
+        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
+{
+    sb_result result = SB_OK;
+    sb_real *mass;
+    size_t used = 0;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
+    if (!body->live)
+        return SB_OK;
+    result = sbi_live_check_slots(&body->live->nodes, body->domain.node_count, "nodes", error);
+    if (result == SB_OK)
+        result = sbi_live_check_slots(&body->live->cells, body->domain.cell_count, "cells", error);
+    if (result != SB_OK)
+        return result;
+    mass = (sb_real *)sbi_alloc_zeroed(&body->allocator, (size_t)body->domain.node_count, sizeof *mass);
+    if (!mass)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to check %d nodes", body->domain.node_count);
+    for (int e = 0; e < body->domain.cell_count && result == SB_OK; e++) {
+        sb_real lumped[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
+        sb_vec3 x[SB_MAX_ELEMENT_NODES];
+        int n = body->domain.nodes_per_cell;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        result = sbi_live_check_cell(body, e, error);
+        if (result != SB_OK || !sb_body_cell_in_use(body, e))
+            continue;
+        used += (size_t)n;
+        for (int a = 0; a < n; a++)
+            x[a] = body->reference[cell[a]];
+        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, lumped, load);
+        for (int a = 0; a < n; a++)
+            mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
+    }
+    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
+                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
+    for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
+        result = sbi_live_check_node(body, i, mass[i], error);
+    sbi_free(&body->allocator, mass);
+    return result;
+}
+
+/* ==== src/softbody/body/live_change.c ==== */
+/* live_change: a change of the mesh as it is put together, checked and handed on.
+ *
+ * Every call is also written down as numbers (log), so that a recording can make the same calls again. Numbers of nodes
+ * and cells mean what they are at that point of the change; sources and parents that the change itself made are resolved
+ * to those before it when they are named. */
+
+#include <string.h>
+
+
+enum {
+    SBI_CHANGE_ADD_NODE = 1,
+    SBI_CHANGE_MOVE_NODE = 2,
+    SBI_CHANGE_REMOVE_NODE = 3,
+    SBI_CHANGE_ADD_CELL = 4,
+    SBI_CHANGE_REPLACE_CELL = 5,
+    SBI_CHANGE_REMOVE_CELL = 6
+};
+
+SB_API sb_change_cell sb_default_change_cell(void)
+{
+    sb_change_cell cell;
+    memset(&cell, 0, sizeof cell);
+    cell.parent = -1;
+    cell.region = SB_AUTO;
+    cell.share = 1;
+    return cell;
+}
+
+/* ---- memory ---- */
+
+/* Room for `more` items behind `count`; 0: no memory. */
+static int sbi_change_grow(sb_body_change *change, void **array, int *capacity, int count, int more, size_t item)
+{
+    int64_t needed = (int64_t)count + more, roomy = needed + needed / 2 + 8;
+    void *grown;
+    if (needed <= *capacity)
+        return 1;
+    if (roomy > INT32_MAX)
+        return 0;
+    grown = sbi_alloc(&change->body->allocator, (size_t)roomy, item);
+    if (!grown)
+        return 0;
+    if (count)
+        memcpy(grown, *array, (size_t)count * item);
+    sbi_free(&change->body->allocator, *array);
+    *array = grown;
+    *capacity = (int)roomy;
+    return 1;
+}
+
+#define SBI_CHANGE_ROOM(change, list, more) \
+    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more, \
+                    sizeof *(change)->list.items)
+
+static sb_result sbi_change_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a change of the mesh");
+}
+
+/* Room in the lists for one call: a record of each kind, `nodes` entries of nodes and weights, and the log. */
+static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error *error)
+{
+    int expanded = nodes; /* sources made by this change stand for all of theirs */
+    if (nodes > INT32_MAX / 64)
+        return sbi_change_no_memory(error);
+    if (!SBI_CHANGE_ROOM(change, made_nodes, 1) || !SBI_CHANGE_ROOM(change, removed_nodes, 1) ||
+        !SBI_CHANGE_ROOM(change, moved_nodes, 1) || !SBI_CHANGE_ROOM(change, made_cells, 1) ||
+        !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
+        !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
+        !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8))
+        return sbi_change_no_memory(error);
+    return SB_OK;
+}
+
+/* More slots of one kind: half as many again. */
+static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots)
+{
+    sbi_slots grown;
+    int64_t capacity = (int64_t)slots->capacity + slots->capacity / 2 + 16;
+    if (slots->count || slots->fresh < slots->capacity)
+        return 1;
+    if (capacity > INT32_MAX / 8 || !sbi_slots_copy(&grown, slots, (int)capacity, &change->body->allocator))
+        return 0;
+    sbi_slots_free(slots, &change->body->allocator);
+    *slots = grown;
+    return 1;
+}
+
+static void sbi_change_log_int(sb_body_change *change, int value)
+{
+    change->log_ints.items[change->log_ints.count++] = value;
+}
+
+static void sbi_change_log_real(sb_body_change *change, sb_real value)
+{
+    change->log_reals.items[change->log_reals.count++] = value;
+}
+
+static void sbi_change_log_vector(sb_body_change *change, sb_vec3 v)
+{
+    sbi_change_log_real(change, v.x);
+    sbi_change_log_real(change, v.y);
+    sbi_change_log_real(change, v.z);
+}
+
+/* ---- begin and end ---- */
+
+SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error)
+{
+    sb_body_change *made;
+    if (!body || !change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_begin needs a body and a place for the change");
+    if (!body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: def.slack was 0");
+    if (body->live->open)
+        return sbi_fail(error, SB_ERROR_STATE, "another change of this body is open");
+    made = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_change_no_memory(error);
+    made->body = body;
+    made->version = body->live->version;
+    if (!sbi_slots_copy(&made->nodes, &body->live->nodes, 0, &body->allocator) ||
+        !sbi_slots_copy(&made->cells, &body->live->cells, 0, &body->allocator)) {
+        sb_body_change_cancel(made);
+        return sbi_change_no_memory(error);
+    }
+    body->live->open = made;
+    *change = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_change_cancel(sb_body_change *change)
+{
+    sb_allocator allocator;
+    if (!change)
+        return;
+    allocator = change->body->allocator;
+    if (change->body->live->open == change)
+        change->body->live->open = NULL;
+    sbi_slots_free(&change->nodes, &allocator);
+    sbi_slots_free(&change->cells, &allocator);
+    sbi_free(&allocator, change->made_nodes.items);
+    sbi_free(&allocator, change->removed_nodes.items);
+    sbi_free(&allocator, change->moved_nodes.items);
+    sbi_free(&allocator, change->made_cells.items);
+    sbi_free(&allocator, change->removed_cells.items);
+    sbi_free(&allocator, change->entries.items);
+    sbi_free(&allocator, change->corners.items);
+    sbi_free(&allocator, change->log_ints.items);
+    sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change);
+}
+
+/* ---- what numbers mean at this point ---- */
+
+/* The record of a node that this change made and did not remove again, or NULL. */
+static sbi_changed_node *sbi_change_made_node(sb_body_change *change, int node)
+{
+    for (int i = change->made_nodes.count - 1; i >= 0; i--)
+        if (change->made_nodes.items[i].node == node && !change->made_nodes.items[i].dropped)
+            return change->made_nodes.items + i;
+    return NULL;
+}
+
+static sbi_changed_cell *sbi_change_made_cell(sb_body_change *change, int cell)
+{
+    for (int i = change->made_cells.count - 1; i >= 0; i--)
+        if (change->made_cells.items[i].cell == cell && !change->made_cells.items[i].dropped)
+            return change->made_cells.items + i;
+    return NULL;
+}
+
+/* Finite weights >= 0 that sum to 1, and nodes known before the change or in use now. */
+static sb_result sbi_change_check_list(sb_body_change *change, const int *nodes, const sb_real *weights, int count,
+                                       const char *what, sb_error *error)
+{
+    double sum = 0;
+    if (count < 0 || (count > 0 && (!nodes || !weights)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the list of %s is NULL or its count %d negative", what, count);
+    for (int k = 0; k < count; k++) {
+        if (!sb_is_finite(weights[k]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[k], "a weight among the %s is not finite", what);
+        if (weights[k] < 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[k], "a weight among the %s is negative: %g", what,
+                                 (double)weights[k]);
+        if (!sbi_slots_is_used(&change->nodes, nodes[k]) && !sb_body_node_in_use(change->body, nodes[k]))
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[k], "node %d among the %s is not in use", nodes[k], what);
+        sum += (double)weights[k];
+    }
+    if (count > 0 && !(sum > 1 - 1e-4 && sum < 1 + 1e-4))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the weights of the %s sum to %g, not to 1", what, sum);
+    return SB_OK;
+}
+
+/* How many sources a list has once those made by this change stand for theirs. */
+static int sbi_change_expanded(sb_body_change *change, const int *nodes, int count)
+{
+    int64_t sum = 0;
+    for (int k = 0; k < count; k++) {
+        const sbi_changed_node *made = sbi_change_made_node(change, nodes[k]);
+        sum += made ? made->count : 1;
+    }
+    return sum < INT32_MAX / 64 ? (int)sum : INT32_MAX;
+}
+
+/* Appends one source, or adds to it. */
+static void sbi_change_add_entry(sb_body_change *change, int first, int node, sb_real weight)
+{
+    for (int k = first; k < change->entries.count; k++)
+        if (change->entries.items[k].node == node) {
+            change->entries.items[k].weight += weight;
+            return;
+        }
+    change->entries.items[change->entries.count].node = node;
+    change->entries.items[change->entries.count++].weight = weight;
+}
+
+/* Appends sources to the entries, in numbers before the change; there is room. */
+static void sbi_change_expand(sb_body_change *change, const int *nodes, const sb_real *weights, int count)
+{
+    int first = change->entries.count;
+    for (int k = 0; k < count; k++) {
+        const sbi_changed_node *made = sbi_change_made_node(change, nodes[k]);
+        for (int j = 0; made && j < made->count; j++) {
+            sbi_change_entry source = change->entries.items[made->first + j];
+            sbi_change_add_entry(change, first, source.node, weights[k] * source.weight);
+        }
+        if (!made)
+            sbi_change_add_entry(change, first, nodes[k], weights[k]);
+    }
+}
+
+static void sbi_change_log_list(sb_body_change *change, const int *nodes, const sb_real *weights, int count)
+{
+    sbi_change_log_int(change, count);
+    for (int k = 0; k < count; k++) {
+        sbi_change_log_int(change, nodes[k]);
+        sbi_change_log_real(change, weights[k]);
+    }
+}
+
+/* ---- nodes ---- */
+
+SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
+                                         const sb_real *weights, int count, int flags, int *node, sb_error *error)
+{
+    sbi_changed_node *made;
+    int slot, expanded;
+    sb_result result;
+    if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_node needs a change, a place for the number, at "
+                                                  "least one source and known flags");
+    if (!sb_v3_is_finite(position))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the place of the new node is not finite");
+    result = sbi_change_check_list(change, sources, weights, count, "sources", error);
+    if (result != SB_OK)
+        return result;
+    expanded = sbi_change_expanded(change, sources, count);
+    result = sbi_change_reserve(change, sbi_max_int(count, expanded), error);
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes))
+        result = sbi_change_no_memory(error);
+    if (result != SB_OK)
+        return result;
+    made = change->made_nodes.items + change->made_nodes.count;
+    memset(made, 0, sizeof *made);
+    made->first = change->entries.count;
+    sbi_change_expand(change, sources, weights, count);
+    made->count = change->entries.count - made->first;
+    slot = sbi_slots_take(&change->nodes);
+    made->node = slot;
+    made->position = position;
+    made->flags = flags;
+    change->made_nodes.count++;
+    sbi_change_log_int(change, SBI_CHANGE_ADD_NODE);
+    sbi_change_log_int(change, flags);
+    sbi_change_log_list(change, sources, weights, count);
+    sbi_change_log_vector(change, position);
+    *node = slot;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error)
+{
+    sbi_changed_node *made, *moved = NULL;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_move_node needs a change");
+    if (!sb_v3_is_finite(position))
+        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, node, "the new place of node %d is not finite", node);
+    if (!sbi_slots_is_used(&change->nodes, node))
+        return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
+    result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    made = sbi_change_made_node(change, node);
+    for (int i = 0; i < change->moved_nodes.count && !made; i++)
+        if (change->moved_nodes.items[i].node == node)
+            moved = change->moved_nodes.items + i;
+    if (!made && !moved) {
+        moved = change->moved_nodes.items + change->moved_nodes.count++;
+        memset(moved, 0, sizeof *moved);
+        moved->node = node;
+    }
+    (made ? made : moved)->position = position;
+    sbi_change_log_int(change, SBI_CHANGE_MOVE_NODE);
+    sbi_change_log_int(change, node);
+    sbi_change_log_vector(change, position);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
+                                            int count, sb_error *error)
+{
+    sbi_changed_node *made, *removed;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_remove_node needs a change");
+    if (!sbi_slots_is_used(&change->nodes, node))
+        return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
+    result = sbi_change_check_list(change, heirs, weights, count, "heirs", error);
+    for (int k = 0; k < count && result == SB_OK; k++)
+        if (heirs[k] == node || !sbi_slots_is_used(&change->nodes, heirs[k]))
+            result = sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
+    for (int i = 0; i < change->removed_nodes.count && result == SB_OK; i++)
+        for (int k = 0; k < change->removed_nodes.items[i].count && result == SB_OK; k++)
+            if (change->entries.items[change->removed_nodes.items[i].first + k].node == node)
+                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "node %d is the heir of node %d, which this "
+                                       "change removes", node, change->removed_nodes.items[i].node);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, count, error);
+    if (result != SB_OK)
+        return result;
+    made = sbi_change_made_node(change, node);
+    if (made) {
+        made->dropped = 1;
+    } else {
+        removed = change->removed_nodes.items + change->removed_nodes.count++;
+        memset(removed, 0, sizeof *removed);
+        removed->node = node;
+        removed->first = change->entries.count;
+        for (int k = 0; k < count; k++)
+            sbi_change_add_entry(change, removed->first, heirs[k], weights[k]);
+        removed->count = change->entries.count - removed->first;
+        for (int i = 0; i < change->moved_nodes.count; i++)
+            if (change->moved_nodes.items[i].node == node) {
+                change->moved_nodes.items[i] = change->moved_nodes.items[--change->moved_nodes.count];
+                break;
+            }
+    }
+    sbi_slots_give(&change->nodes, node);
+    sbi_change_log_int(change, SBI_CHANGE_REMOVE_NODE);
+    sbi_change_log_int(change, node);
+    sbi_change_log_list(change, heirs, weights, count);
+    return SB_OK;
+}
+
+/* ---- cells ---- */
+
+/* Index of a region, or -1. */
+static int sbi_change_region(const sb_body *body, int region)
+{
+    for (int i = 0; i < body->material_count; i++)
+        if (body->material_regions[i] == region)
+            return i;
+    return -1;
+}
+
+/* Checks all of a cell but what its nodes will be; *parent is its number before the change. */
+static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_cell *cell, int *parent, sb_error *error)
+{
+    const sb_body *body = change->body;
+    const sbi_changed_cell *made = sbi_change_made_cell(change, cell->parent);
+    *parent = made ? made->parent : cell->parent;
+    if (!cell->nodes)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the nodes of a cell are NULL");
+    if (*parent != -1 && !sb_body_cell_in_use(body, *parent))
+        return sbi_fail_element(error, SB_ERROR_INDEX, *parent, "the parent %d of a cell was not in use", *parent);
+    if (cell->region != SB_AUTO && sbi_change_region(body, cell->region) < 0)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh was made without a region %d", cell->region);
+    if (!(cell->share > 0) || !(cell->share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the share %g of a cell is not in (0, 1]", (double)cell->share);
+    if (cell->fibre && !sb_v3_is_finite(*cell->fibre))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
+    if (cell->fibre && !body->fibres)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
+    return SB_OK;
+}
+
+static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
+{
+    sbi_change_log_int(change, cell->parent);
+    sbi_change_log_int(change, cell->region);
+    sbi_change_log_int(change, cell->fibre != NULL);
+    for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+        sbi_change_log_int(change, cell->nodes[a]);
+    sbi_change_log_real(change, cell->share);
+    sbi_change_log_vector(change, cell->fibre ? *cell->fibre : sb_v3(0, 0, 0));
+}
+
+/* Puts a checked cell into a slot that was taken for it; there is room. */
+static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_change_cell *cell, int parent)
+{
+    const sb_body *body = change->body;
+    sbi_changed_cell *made = change->made_cells.items + change->made_cells.count++;
+    memset(made, 0, sizeof *made);
+    made->cell = slot;
+    made->parent = parent;
+    made->share = cell->share;
+    made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
+                     : parent >= 0           ? body->cell_material[parent]
+                                             : 0;
+    made->has_fibre = cell->fibre != NULL;
+    if (cell->fibre)
+        sbi_body_copy_fibres(&made->fibre, cell->fibre, 1);
+    else if (parent >= 0 && body->fibres)
+        made->fibre = body->fibres[parent];
+    made->first = change->corners.count;
+    for (int a = 0; a < body->domain.nodes_per_cell; a++)
+        change->corners.items[change->corners.count++] = cell->nodes[a];
+}
+
+/* Notes that a cell in use goes; its slot stays taken. */
+static void sbi_change_drop_cell(sb_body_change *change, int number)
+{
+    sbi_changed_cell *made = sbi_change_made_cell(change, number);
+    if (made)
+        made->dropped = 1;
+    else
+        change->removed_cells.items[change->removed_cells.count++] = number;
+}
+
+SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
+                                         sb_error *error)
+{
+    int parent, slot;
+    sb_result result;
+    if (!change || !cell)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_cell needs a change and a cell");
+    result = sbi_change_check_cell(change, cell, &parent, error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, 0, error);
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells))
+        result = sbi_change_no_memory(error);
+    if (result != SB_OK)
+        return result;
+    slot = sbi_slots_take(&change->cells);
+    sbi_change_log_int(change, SBI_CHANGE_ADD_CELL);
+    sbi_change_log_cell(change, cell);
+    sbi_change_put_cell(change, slot, cell, parent);
+    if (number)
+        *number = slot;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number, const sb_change_cell *cell,
+                                             sb_error *error)
+{
+    int parent;
+    sb_result result;
+    if (!change || !cell)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_replace_cell needs a change and a cell");
+    if (!sbi_slots_is_used(&change->cells, number))
+        return sbi_fail_element(error, SB_ERROR_INDEX, number, "cell %d is not in use", number);
+    result = sbi_change_check_cell(change, cell, &parent, error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    sbi_change_log_int(change, SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, number);
+    sbi_change_log_cell(change, cell);
+    sbi_change_drop_cell(change, number);
+    sbi_change_put_cell(change, number, cell, parent);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, sb_error *error)
+{
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_remove_cell needs a change");
+    if (!sbi_slots_is_used(&change->cells, number))
+        return sbi_fail_element(error, SB_ERROR_INDEX, number, "cell %d is not in use", number);
+    result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    sbi_change_log_int(change, SBI_CHANGE_REMOVE_CELL);
+    sbi_change_log_int(change, number);
+    sbi_change_drop_cell(change, number);
+    sbi_slots_give(&change->cells, number);
+    return SB_OK;
+}
+
+/* ---- a recorded change ---- */
+
+typedef struct sbi_change_reader {
+    const sbi_command *command;
+    size_t ints, reals;
+    int bad;
+} sbi_change_reader;
+
+static int sbi_change_next_int(sbi_change_reader *reader)
+{
+    reader->bad |= reader->ints >= reader->command->int_count;
+    return reader->bad ? 0 : reader->command->ints[reader->ints++];
+}
+
+static sb_real sbi_change_next_real(sbi_change_reader *reader)
+{
+    reader->bad |= reader->reals >= reader->command->real_count;
+    return reader->bad ? 0 : reader->command->reals[reader->reals++];
+}
+
+static sb_vec3 sbi_change_next_vector(sbi_change_reader *reader)
+{
+    sb_vec3 v;
+    v.x = sbi_change_next_real(reader);
+    v.y = sbi_change_next_real(reader);
+    v.z = sbi_change_next_real(reader);
+    return v;
+}
+
+/* Nodes and weights that follow; borrowed from the command. */
+static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, const sb_real **weights)
+{
+    int count = sbi_change_next_int(reader);
+    if (reader->bad || count < 0 || (size_t)count > reader->command->int_count - reader->ints ||
+        (size_t)count > reader->command->real_count - reader->reals) {
+        reader->bad = 1;
+        return 0;
+    }
+    *nodes = reader->command->ints + reader->ints;
+    *weights = reader->command->reals + reader->reals;
+    reader->ints += (size_t)count;
+    reader->reals += (size_t)count;
+    return count;
+}
+
+/* Makes one call again. */
+static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reader *reader, sb_error *error)
+{
+    int nodes[SB_MAX_ELEMENT_NODES], call = sbi_change_next_int(reader), count = 0, number, flag;
+    const int *list = NULL;
+    const sb_real *weights = NULL;
+    sb_vec3 v;
+    if (call == SBI_CHANGE_ADD_NODE || call == SBI_CHANGE_REMOVE_NODE) {
+        flag = sbi_change_next_int(reader);
+        count = sbi_change_next_list(reader, &list, &weights);
+        v = call == SBI_CHANGE_ADD_NODE ? sbi_change_next_vector(reader) : sb_v3(0, 0, 0);
+        if (reader->bad)
+            return SB_OK;
+        return call == SBI_CHANGE_ADD_NODE
+                   ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
+                   : sb_body_change_remove_node(change, flag, list, weights, count, error);
+    }
+    number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
+    if (call == SBI_CHANGE_MOVE_NODE) {
+        v = sbi_change_next_vector(reader);
+        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, error);
+    }
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
+        sb_change_cell cell = sb_default_change_cell();
+        cell.parent = sbi_change_next_int(reader);
+        cell.region = sbi_change_next_int(reader);
+        flag = sbi_change_next_int(reader);
+        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+            nodes[a] = sbi_change_next_int(reader);
+        cell.nodes = nodes;
+        cell.share = sbi_change_next_real(reader);
+        v = sbi_change_next_vector(reader);
+        cell.fibre = flag ? &v : NULL;
+        if (reader->bad)
+            return SB_OK;
+        return call == SBI_CHANGE_ADD_CELL ? sb_body_change_add_cell(change, &cell, NULL, error)
+                                           : sb_body_change_replace_cell(change, number, &cell, error);
+    }
+    reader->bad |= call != SBI_CHANGE_REMOVE_CELL;
+    return reader->bad ? SB_OK : sb_body_change_remove_cell(change, number, error);
+}
+
+SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error)
+{
+    sbi_change_reader reader;
+    sb_body_change *change;
+    sb_result result = sb_body_change_begin(body, &change, error);
+    memset(&reader, 0, sizeof reader);
+    reader.command = command;
+    if (result != SB_OK)
+        return result;
+    while (result == SB_OK && !reader.bad && reader.ints < command->int_count)
+        result = sbi_change_replay_call(change, &reader, error);
+    if (result == SB_OK && (reader.bad || reader.reals != command->real_count))
+        result = sbi_fail(error, SB_ERROR_FORMAT, "a recorded change of the mesh is damaged");
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, error);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+/* ---- commit ---- */
+
+/* Lays out the arrays of the change as others learn of it. */
+static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *lists, sbi_arena *arena)
+{
+    size_t n = (size_t)change->body->domain.nodes_per_cell, entries = (size_t)change->entries.count;
+    size_t made = (size_t)change->made_nodes.count, removed = (size_t)change->removed_nodes.count;
+    size_t moved = (size_t)change->moved_nodes.count, gone = (size_t)change->removed_cells.count;
+    size_t come = (size_t)change->made_cells.count;
+    lists->made_nodes = (int *)sbi_arena_take(arena, made, sizeof(int));
+    lists->made_copies = (unsigned char *)sbi_arena_take(arena, made, 1);
+    lists->source_start = (int *)sbi_arena_take(arena, made + 1, sizeof(int));
+    lists->sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->source_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
+    lists->removed_nodes = (int *)sbi_arena_take(arena, removed, sizeof(int));
+    lists->heir_start = (int *)sbi_arena_take(arena, removed + 1, sizeof(int));
+    lists->heirs = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
+    lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
+    lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->removed_cells = (int *)sbi_arena_take(arena, gone, sizeof(int));
+    lists->removed_cell_nodes = (int *)sbi_arena_take(arena, gone, n * sizeof(int));
+    lists->made_cells = (int *)sbi_arena_take(arena, come, sizeof(int));
+    lists->made_cell_nodes = (int *)sbi_arena_take(arena, come, n * sizeof(int));
+    lists->made_parents = (int *)sbi_arena_take(arena, come, sizeof(int));
+    lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
+    lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
+    lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
+}
+
+/* Upper bound of the cells that a moved node reshapes. */
+static int sbi_change_count_reshaped(const sb_body_change *change)
+{
+    const sb_index_lists *lists = &change->body->node_elements;
+    int64_t count = 0;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        int node = change->moved_nodes.items[i].node;
+        count += lists->offsets[node + 1] - lists->offsets[node];
+    }
+    return count < INT32_MAX ? (int)count : INT32_MAX;
+}
+
+static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
+{
+    int entries = 0;
+    for (int i = 0; i < change->made_nodes.count; i++) {
+        const sbi_changed_node *node = change->made_nodes.items + i;
+        if (node->dropped)
+            continue;
+        lists->made_nodes[out->made_node_count] = node->node;
+        lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
+        lists->source_start[out->made_node_count++] = entries;
+        for (int k = 0; k < node->count; k++, entries++) {
+            lists->sources[entries] = change->entries.items[node->first + k].node;
+            lists->source_weights[entries] = change->entries.items[node->first + k].weight;
+        }
+    }
+    lists->source_start[out->made_node_count] = entries;
+    entries = 0;
+    for (int i = 0; i < change->removed_nodes.count; i++) {
+        const sbi_changed_node *node = change->removed_nodes.items + i;
+        lists->removed_nodes[i] = node->node;
+        lists->heir_start[i] = entries;
+        for (int k = 0; k < node->count; k++, entries++) {
+            lists->heirs[entries] = change->entries.items[node->first + k].node;
+            lists->heir_weights[entries] = change->entries.items[node->first + k].weight;
+        }
+    }
+    out->removed_node_count = change->removed_nodes.count;
+    lists->heir_start[out->removed_node_count] = entries;
+    out->moved_node_count = change->moved_nodes.count;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        lists->moved_nodes[i] = change->moved_nodes.items[i].node;
+        lists->moved_from[i] = change->body->reference[change->moved_nodes.items[i].node];
+    }
+}
+
+static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
+{
+    const sb_body *body = change->body;
+    size_t n = (size_t)body->domain.nodes_per_cell;
+    out->removed_cell_count = change->removed_cells.count;
+    for (int i = 0; i < change->removed_cells.count; i++) {
+        lists->removed_cells[i] = change->removed_cells.items[i];
+        memcpy(lists->removed_cell_nodes + (size_t)i * n, body->domain.cells + (size_t)lists->removed_cells[i] * n,
+               n * sizeof(int));
+    }
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        lists->made_cells[out->made_cell_count] = cell->cell;
+        lists->made_parents[out->made_cell_count] = cell->parent;
+        lists->made_shares[out->made_cell_count] = cell->share;
+        memcpy(lists->made_cell_nodes + (size_t)out->made_cell_count * n, change->corners.items + cell->first,
+               n * sizeof(int));
+        out->made_cell_count++;
+    }
+}
+
+/* Cells that stay while a node of theirs moves, each once, by the order of the nodes. */
+static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
+                                     sb_mesh_change *out)
+{
+    const sb_index_lists *elements = &change->body->node_elements;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        int node = change->moved_nodes.items[i].node;
+        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
+            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+            for (int j = 0; j < out->reshaped_cell_count; j++)
+                stays = stays && lists->reshaped_cells[j] != e;
+            if (!stays)
+                continue;
+            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            lists->reshaped_cells[out->reshaped_cell_count++] = e;
+        }
+    }
+}
+
+/* The mesh that the change leads to. */
+static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
+{
+    const sb_body *body = change->body;
+    int n = body->domain.nodes_per_cell;
+    for (int i = 0; i < change->removed_cells.count; i++) {
+        int e = change->removed_cells.items[i];
+        if (e >= mesh->cells.end)
+            continue;
+        memset(mesh->corners + (size_t)e * (size_t)n, 0, (size_t)n * sizeof(int));
+        mesh->shares[e] = 0;
+        mesh->inherit[e] = -1;
+        mesh->kept[e] = 0;
+    }
+    for (int i = 0; i < change->made_nodes.count; i++)
+        if (!change->made_nodes.items[i].dropped)
+            mesh->positions[change->made_nodes.items[i].node] = change->made_nodes.items[i].position;
+    for (int i = 0; i < change->moved_nodes.count; i++)
+        mesh->positions[change->moved_nodes.items[i].node] = change->moved_nodes.items[i].position;
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        memcpy(mesh->corners + (size_t)cell->cell * (size_t)n, change->corners.items + cell->first,
+               (size_t)n * sizeof(int));
+        mesh->material[cell->cell] = cell->material;
+        mesh->shares[cell->cell] = cell->share;
+        mesh->inherit[cell->cell] = cell->parent;
+        mesh->kept[cell->cell] = 0;
+        if (mesh->fibres)
+            mesh->fibres[cell->cell] = cell->fibre;
+    }
+}
+
+/* Whether every cell has nodes that are in use, each once. */
+static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_mesh *mesh, sb_error *error)
+{
+    int n = body->domain.nodes_per_cell, cells = 0;
+    for (int e = 0; e < mesh->cells.end; e++) {
+        const int *cell = mesh->corners + (size_t)e * (size_t)n;
+        cells += mesh->shares[e] > 0;
+        for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
+            if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
+                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change", e,
+                                 cell[a]);
+                if (error)
+                    error->node = cell[a];
+                return SB_ERROR_INDEX;
+            }
+            for (int b = 0; b < a; b++)
+                if (cell[b] == cell[a])
+                    return sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d twice", e, cell[a]);
+        }
+    }
+    return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
+}
+
+/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
+static sb_result sbi_change_check_removed(const sb_body *body, const sbi_live_mesh *mesh, const sb_mesh_change *change,
+                                          sb_error *error)
+{
+    for (int i = 0; i < change->removed_node_count; i++) {
+        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
+            if (!sbi_slots_is_used(&mesh->nodes, change->heirs[k]))
+                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
+                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
+                                     node);
+        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "node %d is supported and has no heir: release it before it is removed", node);
+    }
+    return SB_OK;
+}
+
+/* The lists, the mesh and the checks that need no neighbours. */
+static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out,
+                                    sbi_live_mesh *mesh, sb_error *error)
+{
+    sb_body *body = change->body;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_result result;
+    memset(out, 0, sizeof *out);
+    memset(lists, 0, sizeof *lists);
+    change->reshaped_most = sbi_change_count_reshaped(change);
+    sbi_change_layout(change, lists, &arena);
+    lists->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
+    if (!lists->memory)
+        return sbi_change_no_memory(error);
+    arena.base = (unsigned char *)lists->memory;
+    arena.used = 0;
+    sbi_change_layout(change, lists, &arena);
+    result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_mesh_fill(body, mesh);
+    sbi_change_apply(change, mesh);
+    out->node_end = change->nodes.end;
+    out->cell_end = change->cells.end;
+    out->nodes_per_cell = body->domain.nodes_per_cell;
+    sbi_change_list_nodes(change, lists, out);
+    sbi_change_list_cells(change, lists, out);
+    sbi_change_list_reshaped(change, mesh, lists, out);
+    out->made_nodes = lists->made_nodes;
+    out->made_copies = lists->made_copies;
+    out->source_start = lists->source_start;
+    out->sources = lists->sources;
+    out->source_weights = lists->source_weights;
+    out->removed_nodes = lists->removed_nodes;
+    out->heir_start = lists->heir_start;
+    out->heirs = lists->heirs;
+    out->heir_weights = lists->heir_weights;
+    out->moved_nodes = lists->moved_nodes;
+    out->moved_from = lists->moved_from;
+    out->removed_cells = lists->removed_cells;
+    out->removed_cell_nodes = lists->removed_cell_nodes;
+    out->made_cells = lists->made_cells;
+    out->made_cell_nodes = lists->made_cell_nodes;
+    out->made_parents = lists->made_parents;
+    out->made_shares = lists->made_shares;
+    out->reshaped_cells = lists->reshaped_cells;
+    out->reshaped_shares = lists->reshaped_shares;
+    result = sbi_change_check_corners(body, mesh, error);
+    if (result == SB_OK)
+        result = sbi_change_check_removed(body, mesh, out, error);
+    return result;
+}
+
+/* Asks all listeners; on failure those asked before give up. */
+static sb_result sbi_change_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->listener_count; i++) {
+        const sb_body_listener *calls = &live->listeners[i].calls;
+        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
+        for (int k = 0; k < i && result != SB_OK; k++)
+            if (live->listeners[k].calls.give_up)
+                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
+{
+    sbi_change_lists lists;
+    sb_mesh_change out;
+    sbi_live_mesh mesh;
+    sb_body *body, *next = NULL;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
+    body = change->body;
+    if (change->version != body->live->version)
+        return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_change_prepare(change, &lists, &out, &mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry(body, &out, &mesh, next, error);
+    if (result == SB_OK)
+        result = sbi_change_ask_listeners(body, &out, error);
+    if (result == SB_OK) {
+        sbi_live_replace(body, next);
+        next = NULL;
+        sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
+                      change->log_reals.items, (size_t)change->log_reals.count);
+        for (int i = 0; i < body->live->listener_count; i++)
+            body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
+        sb_body_change_cancel(change);
+    }
+    sb_body_destroy(next);
+    sbi_live_mesh_free(body, &mesh);
+    sbi_free(&body->allocator, lists.memory);
+    return result;
+}
+
+/* ==== src/softbody/body/live_build.c ==== */
+/* live_build: the body with its next mesh, made beside the present one, and what is carried over to it.
+ *
+ * All that may fail happens on a body of its own, so that the present one is as it was until the last moment. */
+
+#include <string.h>
+
+/* ---- a mesh in slots ---- */
+
+static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_arena *arena)
+{
+    size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end;
+    mesh->positions = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    if (body->fibres)
+        mesh->fibres = (sb_vec3 *)sbi_arena_take(arena, cells, sizeof(sb_vec3));
+    mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
+    mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
+    mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
+    mesh->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
+}
+
+/* The arrays of a mesh whose slots are there. */
+static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_live_mesh_layout(body, mesh, &arena);
+    mesh->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
+    if (!mesh->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", mesh->nodes.end);
+    arena.base = (unsigned char *)mesh->memory;
+    arena.used = 0;
+    sbi_live_mesh_layout(body, mesh, &arena);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                         sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
+        !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
+}
+
+/* Slots with these counts, and as much room as others have. */
+static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const sbi_slots *others,
+                               const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(slots, sbi_max_int(counts->fresh, others->capacity), 0, allocator))
+        return 0;
+    slots->end = counts->end;
+    slots->fresh = counts->fresh;
+    slots->count = counts->count;
+    memset(slots->stack, 0, (size_t)slots->count * sizeof(int));
+    return 1;
+}
+
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
+        !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
+}
+
+SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh)
+{
+    sbi_slots_free(&mesh->nodes, &body->allocator);
+    sbi_slots_free(&mesh->cells, &body->allocator);
+    sbi_free(&body->allocator, mesh->memory);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
+{
+    size_t n = (size_t)body->domain.nodes_per_cell;
+    int nodes = sbi_min_int(mesh->nodes.end, body->domain.node_count);
+    int cells = sbi_min_int(mesh->cells.end, body->domain.cell_count);
+    memcpy(mesh->positions, body->reference, (size_t)nodes * sizeof(sb_vec3));
+    for (int i = 0; i < nodes; i++)
+        if (!mesh->nodes.used[i])
+            mesh->positions[i] = sb_v3(0, 0, 0);
+    memcpy(mesh->corners, body->domain.cells, (size_t)cells * n * sizeof(int));
+    memcpy(mesh->material, body->cell_material, (size_t)cells * sizeof(int));
+    memcpy(mesh->shares, body->live->shares, (size_t)cells * sizeof(sb_real));
+    if (mesh->fibres)
+        memcpy(mesh->fibres, body->fibres, (size_t)cells * sizeof(sb_vec3));
+    for (int e = 0; e < mesh->cells.end; e++) {
+        mesh->kept[e] = e < cells && mesh->shares[e] > 0;
+        mesh->inherit[e] = mesh->kept[e] ? e : -1;
+        if (!mesh->kept[e])
+            mesh->material[e] = 0;
+    }
+}
+
+/* ---- the next body ---- */
+
+static sb_result sbi_live_no_memory(sb_error *error, int nodes)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a changed mesh of %d nodes", nodes);
+}
+
+/* Materials, slots and cells of the next body. */
+static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    size_t materials = (size_t)body->material_count, cells = (size_t)mesh->cells.end;
+    size_t n = (size_t)body->domain.nodes_per_cell, q = (size_t)body->domain.points_per_cell;
+    sb_domain *domain = &next->domain;
+    sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    next->live = live;
+    *domain = body->domain;
+    domain->allocator = *allocator;
+    domain->cell_mass = NULL;
+    domain->node_count = mesh->nodes.end;
+    domain->cell_count = mesh->cells.end;
+    domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
+    next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
+    if (mesh->fibres)
+        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+    if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
+        !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
+        !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
+        !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
+    if (!live->shares)
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    live->rule = body->live->rule;
+    live->version = body->live->version + 1;
+    next->node_capacity = live->nodes.capacity;
+    next->material_count = body->material_count;
+    memcpy(next->material_regions, body->material_regions, materials * sizeof(int));
+    memcpy(next->materials, body->materials, materials * sizeof(sb_material));
+    memcpy(next->cell_material, mesh->material, cells * sizeof(int));
+    memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
+    memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
+    if (mesh->fibres)
+        memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
+    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, error);
+}
+
+/* Part of each cell in its slot, -1 where it is free, from those of the cells in use. */
+static int sbi_live_spread_parts(sb_body *next, const int *used)
+{
+    int *parts = next->element_component.items, cells = next->domain.cell_count;
+    int *spread = (int *)sbi_alloc(&next->allocator, (size_t)cells, sizeof(int));
+    if (!spread)
+        return 0;
+    for (int e = 0; e < cells; e++)
+        spread[e] = -1;
+    for (int k = 0; k < next->element_component.rows; k++)
+        spread[used[k]] = parts[k];
+    sbi_free(&next->allocator, parts);
+    next->element_component.items = spread;
+    next->element_component.rows = cells;
+    return 1;
+}
+
+/* Cells of each node and parts, in the numbers of the slots, made of the cells in use. */
+static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    sb_mesh view = sbi_body_mesh_view(next);
+    int n = next->domain.nodes_per_cell, count = 0, *used;
+    sb_result result;
+    used = (int *)sbi_alloc(&next->allocator, (size_t)next->domain.cell_count, (size_t)(n + 1) * sizeof(int));
+    if (!used)
+        return sbi_live_no_memory(error, view.node_count);
+    view.nodes = mesh->positions;
+    view.elements = used + next->domain.cell_count;
+    for (int e = 0; e < next->domain.cell_count; e++)
+        if (next->live->shares[e] > 0) {
+            memcpy(view.elements + (size_t)count * (size_t)n, next->domain.cells + (size_t)e * (size_t)n,
+                   (size_t)n * sizeof(int));
+            used[count++] = e;
+        }
+    view.element_count = count;
+    result = sb_mesh_node_elements(&view, &next->allocator, &next->node_elements, error);
+    for (int k = 0; result == SB_OK && k < next->node_elements.offsets[view.node_count]; k++)
+        next->node_elements.items[k] = used[next->node_elements.items[k]];
+    if (result == SB_OK)
+        result = sb_mesh_components(&view, &next->allocator, &next->element_component, &next->component_count, error);
+    if (result == SB_OK && !sbi_live_spread_parts(next, used))
+        result = sbi_live_no_memory(error, view.node_count);
+    sbi_free(&next->allocator, used);
+    return result;
+}
+
+/* Matrix, arrays, preconditioner and the rest that a body at rest has. */
+static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    const sb_domain *domain = &next->domain;
+    sb_result result = sbi_live_make_lists(mesh, next, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &next->allocator, &next->matrix, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(next, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(next, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(next);
+    result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(next, error);
+    if (result == SB_OK && body->assembly.terms)
+        result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
+    if (result == SB_OK && body->damping_blocks)
+        result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
+    if (result != SB_OK)
+        return result;
+    next->assembly.fibres = next->fibres;
+    next->assembly.unknots = body->assembly.unknots;
+    sbi_body_materials_changed(next);
+    sb_body_reset(next);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error)
+{
+    sb_body *made = (sb_body *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
+    sb_result result;
+    if (!made)
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    made->allocator = body->allocator;
+    made->jobs = body->jobs;
+    made->clock = body->clock;
+    made->mass_kind = body->mass_kind;
+    made->integrator = body->integrator;
+    made->gravity = body->gravity;
+    made->damping_mass = body->damping_mass;
+    made->damping_stiffness = body->damping_stiffness;
+    made->tolerance = body->tolerance;
+    made->newton_tolerance = body->newton_tolerance;
+    made->max_iterations = body->max_iterations;
+    made->max_newton = body->max_newton;
+    made->spectral_radius = body->spectral_radius;
+    made->max_substeps = body->max_substeps;
+    result = sbi_live_copy_make(body, mesh, made, error);
+    if (result == SB_OK)
+        result = sbi_live_make_rest(body, mesh, made, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *next = made;
+    return SB_OK;
+}
+
+/* ---- motion, supports, dead loads ---- */
+
+/* What has a value for each node that goes on from step to step. */
+enum { SBI_LIVE_CARRIED = 8 };
+static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
+{
+    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
+                                       body->dead_load, body->equilibrated, body->external, body->reaction};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* The weighted sum of the sources of made node `index`. */
+static sb_vec3 sbi_live_interpolate(const sbi_mesh_change *change, int index, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), first = values[change->sources[change->source_start[index]]];
+    /* from the first source, so that what is the same for all stays the same to the last bit */
+    for (int k = change->source_start[index] + 1; k < change->source_start[index + 1]; k++)
+        sum = sb_v3_madd(sum, change->source_weights[k], sb_v3_sub(values[change->sources[k]], first));
+    return sb_v3_add(first, sum);
+}
+
+/* A node made: motion of its sources, and their supports unless it is a copy. */
+static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+{
+    int node = change->made_nodes[index], first = change->source_start[index], end = change->source_start[index + 1];
+    unsigned axes = change->made_copies[index] ? 0 : SB_XYZ;
+    for (int k = first; k < end; k++) /* nodes without a cell are held for another reason */
+        axes &= body->node_component[change->sources[k]] < 0 ? 0u : (unsigned)body->fixed[change->sources[k]];
+    next->displacement[node] = sbi_live_interpolate(change, index, body->displacement);
+    next->velocity[node] = sbi_live_interpolate(change, index, body->velocity);
+    next->acceleration[node] = sbi_live_interpolate(change, index, body->acceleration);
+    next->target[node] = axes ? sbi_live_interpolate(change, index, body->target) : sb_v3(0, 0, 0);
+    next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+}
+
+/* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
+static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
+{
+    sb_vec3 *from[SBI_LIVE_CARRIED], *to[SBI_LIVE_CARRIED];
+    int both = sbi_min_int(body->domain.node_count, next->domain.node_count);
+    sbi_live_list_carried(body, from);
+    sbi_live_list_carried(next, to);
+    for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+        memcpy(to[k], from[k], (size_t)both * sizeof(sb_vec3));
+    for (int i = 0; i < both; i++)
+        if (next->node_component[i] >= 0)
+            next->fixed[i] = (unsigned char)(body->node_component[i] >= 0 ? body->fixed[i] : 0);
+    for (int i = 0; i < change->removed_node_count; i++)
+        for (int k = 0; k < SBI_LIVE_CARRIED && change->removed_nodes[i] < next->domain.node_count; k++)
+            to[k][change->removed_nodes[i]] = sb_v3(0, 0, 0);
+    for (int i = 0; i < change->made_node_count; i++)
+        for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+            to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
+    for (int i = 0; i < change->made_node_count; i++)
+        sbi_live_carry_made(body, change, i, next);
+    for (int i = 0; i < change->removed_node_count; i++)
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
+            sb_vec3 force = body->dead_load[change->removed_nodes[i]];
+            sb_vec3 *load = next->dead_load + change->heirs[k];
+            if (force.x != 0 || force.y != 0 || force.z != 0)
+                *load = sb_v3_madd(*load, change->heir_weights[k], force);
+        }
+    sbi_body_update_positions(next);
+}
+
+/* Rotations and memory by cell. */
+static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next)
+{
+    for (int e = 0; e < mesh->cells.end; e++)
+        if (mesh->inherit[e] >= 0)
+            sbi_assembly_copy_cell(&next->assembly, e, &body->assembly, mesh->inherit[e]);
+        else if (mesh->shares[e] > 0)
+            sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
+    sbi_assembly_begin_step(&next->assembly, 0);
+}
+
+/* ---- momentum ---- */
+
+/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
+typedef struct sbi_live_moment {
+    double mass, linear[3], angular[3], linear_size, angular_size;
+} sbi_live_moment;
+
+static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+{
+    const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
+    const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
+    double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    sum->mass += m;
+    sum->linear_size += size;
+    sum->angular_size += size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] += p[i];
+        sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+    }
+}
+
+/* Adds the lumped mass of a cell. */
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell;
+    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    for (int a = 0; a < n; a++)
+        x[a] = body->reference[cell[a]];
+    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    for (int a = 0; a < n; a++)
+        sbi_live_add_mass(sum, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
+                          v[cell[a]]);
+}
+
+static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
+{
+    sum->linear_size *= factor;
+    sum->angular_size *= factor;
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] *= factor;
+        sum->angular[i] *= factor;
+    }
+}
+
+/* 1 when a made cell has the parent. */
+static int sbi_live_has_child(const sbi_mesh_change *change, int cell)
+{
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] == cell)
+            return 1;
+    return 0;
+}
+
+/* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
+ * that have children, by mass. */
+static sbi_live_moment sbi_live_wanted(const sb_body *body, const sbi_mesh_change *change, double made, sb_vec3 about,
+                                       const sb_vec3 *v)
+{
+    sbi_live_moment all, parents;
+    memset(&all, 0, sizeof all);
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, v, &all);
+    parents = all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        sbi_live_add_cell(body, change->removed_cells[i], about, v, &all);
+    if (fabs(made - all.mass) <= 1e5 * (double)SB_EPSILON * all.mass)
+        return all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        if (sbi_live_has_child(change, change->removed_cells[i]))
+            sbi_live_add_cell(body, change->removed_cells[i], about, v, &parents);
+    if (parents.mass > 0)
+        sbi_live_scale_moment(&parents, made / parents.mass);
+    return parents;
+}
+
+/* Solves the symmetric 3x3 system a x = b by Cramer's rule; 0 when a is nearly singular. */
+static int sbi_live_solve3(const double a[3][3], const double b[3], double x[3])
+{
+    double cofactor[3][3], trace = a[0][0] + a[1][1] + a[2][2], det;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            cofactor[i][j] = a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3] -
+                             a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3];
+    det = a[0][0] * cofactor[0][0] + a[0][1] * cofactor[0][1] + a[0][2] * cofactor[0][2];
+    if (!(det > 1e-9 * trace * trace * trace))
+        return 0;
+    for (int i = 0; i < 3; i++)
+        x[i] = (cofactor[0][i] * b[0] + cofactor[1][i] * b[1] + cofactor[2][i] * b[2]) / det;
+    return 1;
+}
+
+/* Calls `visit` for each free node of the cells that changed shape, once; body->residual is scratch for marks. */
+typedef void sbi_live_visit(sb_body *next, int node, void *user);
+static void sbi_live_visit_nodes(sb_body *next, const sbi_mesh_change *change, sbi_live_visit *visit, void *user)
+{
+    int n = change->nodes_per_cell, made = change->made_cell_count;
+    for (int pass = 0; pass < 2; pass++) /* clear marks, then visit */
+        for (int i = 0; i < made + change->reshaped_cell_count; i++) {
+            int e = i < made ? change->made_cells[i] : change->reshaped_cells[i - made];
+            const int *cell = next->domain.cells + (size_t)e * (size_t)n;
+            for (int a = 0; a < n && (i >= made || change->made_parents[i] >= 0); a++) {
+                if (pass == 0) {
+                    next->residual[cell[a]].x = 0;
+                } else if (next->residual[cell[a]].x == 0 && !sbi_body_held(next, cell[a])) {
+                    next->residual[cell[a]].x = 1;
+                    visit(next, cell[a], user);
+                }
+            }
+        }
+}
+
+/* Mass, centre and inertia of free nodes, and the rigid velocity that is to be added to theirs. */
+typedef struct sbi_live_rigid {
+    sb_vec3 about;
+    sb_vec3 *values;
+    double mass, first[3], second[3][3], velocity[3], spin[3];
+} sbi_live_rigid;
+
+static void sbi_live_sum_node(sb_body *next, int node, void *user)
+{
+    sbi_live_rigid *rigid = (sbi_live_rigid *)user;
+    double m = (double)next->lumped_mass[node];
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about);
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z};
+    rigid->mass += m;
+    for (int i = 0; i < 3; i++) {
+        rigid->first[i] += m * r[i];
+        for (int j = 0; j < 3; j++)
+            rigid->second[i][j] += m * r[i] * r[j];
+    }
+}
+
+static void sbi_live_push_node(sb_body *next, int node, void *user)
+{
+    const sbi_live_rigid *rigid = (const sbi_live_rigid *)user;
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about), *v = rigid->values + node;
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z}, *w = rigid->spin;
+    v->x += (sb_real)(rigid->velocity[0] + w[1] * r[2] - w[2] * r[1]);
+    v->y += (sb_real)(rigid->velocity[1] + w[2] * r[0] - w[0] * r[2]);
+    v->z += (sb_real)(rigid->velocity[2] + w[0] * r[1] - w[1] * r[0]);
+}
+
+/* Rigid velocity that gives the free nodes these momenta; without spin where they lie in a line or masses couple. */
+static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], const double angular[3],
+                                 sbi_live_rigid *rigid)
+{
+    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0;
+    for (int i = 0; i < 3; i++) {
+        centre[i] = rigid->first[i] / m;
+        trace += rigid->second[i][i] - m * centre[i] * centre[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        left[i] = angular[i] - (centre[(i + 1) % 3] * linear[(i + 2) % 3] - centre[(i + 2) % 3] * linear[(i + 1) % 3]);
+        for (int j = 0; j < 3; j++)
+            inertia[i][j] = (i == j ? trace : 0) - (rigid->second[i][j] - m * centre[i] * centre[j]);
+    }
+    if (next->mass_blocks || !sbi_live_solve3((const double(*)[3])inertia, left, rigid->spin))
+        memset(rigid->spin, 0, sizeof rigid->spin);
+    for (int i = 0; i < 3; i++)
+        rigid->velocity[i] = linear[i] / m - (rigid->spin[(i + 1) % 3] * centre[(i + 2) % 3] -
+                                              rigid->spin[(i + 2) % 3] * centre[(i + 1) % 3]);
+}
+
+/* Gives the nodes of the cells made what is missing of the sums of m v and x x m v, for velocities or accelerations.
+ * Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
+ * masses keep the angular one by themselves, for their motion is linear in the cells. */
+static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *change, const sb_vec3 *before,
+                                   sb_vec3 *after, sb_body *next)
+{
+    const double rounding = 64 * (double)SB_EPSILON;
+    sbi_live_moment have, want;
+    sbi_live_rigid rigid;
+    double linear[3], angular[3];
+    int missing = 0, first = -1;
+    memset(&have, 0, sizeof have);
+    memset(&rigid, 0, sizeof rigid);
+    for (int i = 0; i < change->made_cell_count && first < 0; i++)
+        first = change->made_parents[i] >= 0 ? change->made_cells[i] : -1;
+    if (first < 0 && change->reshaped_cell_count)
+        first = change->reshaped_cells[0];
+    if (first < 0)
+        return;
+    rigid.about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, after, &have);
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, after, &have);
+    want = sbi_live_wanted(body, change, have.mass, rigid.about, before);
+    for (int i = 0; i < 3; i++) {
+        linear[i] = want.linear[i] - have.linear[i];
+        angular[i] = want.angular[i] - have.angular[i];
+        missing |= fabs(linear[i]) > rounding * (want.linear_size + have.linear_size);
+        missing |= !next->mass_blocks && fabs(angular[i]) > rounding * (want.angular_size + have.angular_size);
+    }
+    if (!missing)
+        return;
+    rigid.values = after;
+    sbi_live_visit_nodes(next, change, sbi_live_sum_node, &rigid);
+    if (!(rigid.mass > 0))
+        return;
+    sbi_live_solve_rigid(next, linear, angular, &rigid);
+    sbi_live_visit_nodes(next, change, sbi_live_push_node, &rigid);
+}
+
+/* ---- all of it ---- */
+
+/* Every node in use has a cell, but those that had none before. */
+static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
+                                       sb_error *error)
+{
+    for (int i = 0; i < change->made_node_count; i++)
+        if (next->node_component[change->made_nodes[i]] < 0)
+            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
+                                 change->made_nodes[i]);
+    for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
+        if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
+            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+    return SB_OK;
+}
+
+/* Blocks for the rows of supports. */
+static sb_result sbi_live_reserve_supports(sb_body *next, sb_error *error)
+{
+    int needed = 0;
+    for (int i = 0; i < next->domain.node_count; i++)
+        if (next->fixed[i] && next->node_component[i] >= 0)
+            needed += next->matrix.row_end[i] - next->matrix.row_start[i];
+    if (sbi_body_reserve_support_blocks(next, needed) != SB_OK)
+        return sbi_live_no_memory(error, next->domain.node_count);
+    next->support_used = needed;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
+                                 sb_body *next, sb_error *error)
+{
+    sb_result result = sbi_live_check_lonely(body, change, next, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_carry_nodes(body, change, next);
+    sbi_live_carry_cells(body, mesh, next);
+    result = sbi_live_reserve_supports(next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry_rows(body, change, next, error);
+    if (result != SB_OK)
+        return result;
+    next->acceleration_known = body->acceleration_known;
+    next->assembly.unknots = body->assembly.unknots;
+    sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
+    sbi_live_keep_momentum(body, change, body->velocity, next->velocity, next);
+    if (body->acceleration_known)
+        sbi_live_keep_momentum(body, change, body->acceleration, next->acceleration, next);
+    return SB_OK;
+}
+
+/* Members that point into the struct. */
+static void sbi_live_rebase(sb_body *body)
+{
+    body->assembly.domain = &body->domain;
+    body->assembly.jobs = &body->jobs;
+}
+
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
+{
+    sb_body old = *body;
+    sbi_live *live = body->live, *made = next->live;
+    if (next->node_capacity == body->node_capacity) { /* pointers that others hold stay valid */
+        sbi_body_copy_nodes(body, next);
+        sbi_body_swap_nodes(body, next);
+        old = *body;
+    }
+    *body = *next;
+    *next = old;
+    body->observe = old.observe;
+    body->observer = old.observer;
+    next->observe = NULL;
+    made->open = live->open;
+    made->listeners = live->listeners;
+    made->listener_count = live->listener_count;
+    made->listener_capacity = live->listener_capacity;
+    made->last_listener = live->last_listener;
+    live->open = NULL;
+    live->listeners = NULL;
+    body->pattern_version = old.pattern_version + 1;
+    sbi_live_rebase(body);
+    sbi_live_rebase(next);
+    sb_body_destroy(next);
+}
+
+/* ==== src/softbody/body/live_rows.c ==== */
+/* live_rows: loads and constraints follow a change of the mesh: their next form is made on the body that comes. */
+
+#include <string.h>
+
+
+/* Scratch of one change. */
+typedef struct sbi_live_rows {
+    const sb_body *body;
+    const sbi_mesh_change *change;
+    sb_body *next;
+    int *removed_of;      /* [old nodes] index among the removed nodes, or -1 */
+    int *made_of;         /* [new nodes] index among the made nodes, or -1 */
+    int *place;           /* [new nodes] where the row at work has the node, or -1 */
+    unsigned char *marks; /* [new nodes] marks of the face at work */
+    /* the rows being made */
+    int *start, *nodes;
+    sb_element_type *types;
+    sb_real *weights;
+    int row_capacity, entry_capacity, rows, entries;
+    void *memory;
+} sbi_live_rows;
+
+static sb_result sbi_live_rows_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for loads and constraints to follow a change of the mesh");
+}
+
+static void sbi_live_rows_layout(sbi_live_rows *rows, sbi_arena *arena)
+{
+    size_t old = (size_t)rows->body->domain.node_count, now = (size_t)rows->next->domain.node_count;
+    rows->removed_of = (int *)sbi_arena_take(arena, old, sizeof(int));
+    rows->made_of = (int *)sbi_arena_take(arena, now, sizeof(int));
+    rows->place = (int *)sbi_arena_take(arena, now, sizeof(int));
+    rows->marks = (unsigned char *)sbi_arena_take(arena, now, 1);
+}
+
+static int sbi_live_rows_begin(sbi_live_rows *rows)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_live_rows_layout(rows, &arena);
+    rows->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&rows->body->allocator, arena.used + 1, 1);
+    if (!rows->memory)
+        return 0;
+    arena.base = (unsigned char *)rows->memory;
+    arena.used = 0;
+    sbi_live_rows_layout(rows, &arena);
+    for (int i = 0; i < rows->body->domain.node_count; i++)
+        rows->removed_of[i] = -1;
+    for (int i = 0; i < rows->next->domain.node_count; i++)
+        rows->made_of[i] = rows->place[i] = -1;
+    for (int i = 0; i < rows->change->removed_node_count; i++)
+        rows->removed_of[rows->change->removed_nodes[i]] = i;
+    for (int i = 0; i < rows->change->made_node_count; i++)
+        rows->made_of[rows->change->made_nodes[i]] = i;
+    return 1;
+}
+
+static void sbi_live_rows_end(sbi_live_rows *rows)
+{
+    const sb_allocator *allocator = &rows->body->allocator;
+    sbi_free(allocator, rows->memory);
+    sbi_free(allocator, rows->start);
+    sbi_free(allocator, rows->nodes);
+    sbi_free(allocator, rows->types);
+    sbi_free(allocator, rows->weights);
+}
+
+/* A larger copy of an array, or NULL. */
+static void *sbi_live_rows_grow(const sbi_live_rows *rows, const void *array, size_t used, size_t capacity, size_t item)
+{
+    void *grown = sbi_alloc(&rows->body->allocator, capacity, item);
+    if (grown && used)
+        memcpy(grown, array, used * item);
+    return grown;
+}
+
+/* Room for one row more of so many entries. */
+static int sbi_live_rows_room(sbi_live_rows *rows, int entries)
+{
+    if (rows->rows + 2 > rows->row_capacity) {
+        int capacity = rows->row_capacity + rows->row_capacity / 2 + 16;
+        int *start = (int *)sbi_live_rows_grow(rows, rows->start, rows->start ? (size_t)rows->rows + 1 : 0,
+                                               (size_t)capacity, sizeof(int));
+        sb_element_type *types = (sb_element_type *)sbi_live_rows_grow(rows, rows->types, (size_t)rows->rows,
+                                                                       (size_t)capacity, sizeof(sb_element_type));
+        sbi_free(&rows->body->allocator, start ? rows->start : NULL);
+        rows->start = start ? start : rows->start;
+        sbi_free(&rows->body->allocator, types ? rows->types : NULL);
+        rows->types = types ? types : rows->types;
+        if (!start || !types)
+            return 0;
+        rows->row_capacity = capacity;
+    }
+    if (entries > rows->entry_capacity - rows->entries) {
+        int64_t capacity = (int64_t)rows->entries + entries + rows->entry_capacity / 2 + 64;
+        int *nodes;
+        sb_real *weights;
+        if (capacity > INT32_MAX)
+            return 0;
+        nodes = (int *)sbi_live_rows_grow(rows, rows->nodes, (size_t)rows->entries, (size_t)capacity, sizeof(int));
+        weights = (sb_real *)sbi_live_rows_grow(rows, rows->weights, (size_t)rows->entries, (size_t)capacity,
+                                                sizeof(sb_real));
+        sbi_free(&rows->body->allocator, nodes ? rows->nodes : NULL);
+        rows->nodes = nodes ? nodes : rows->nodes;
+        sbi_free(&rows->body->allocator, weights ? rows->weights : NULL);
+        rows->weights = weights ? weights : rows->weights;
+        if (!nodes || !weights)
+            return 0;
+        rows->entry_capacity = (int)capacity;
+    }
+    return 1;
+}
+
+static void sbi_live_rows_clear(sbi_live_rows *rows)
+{
+    rows->rows = rows->entries = 0;
+    rows->start[0] = 0;
+}
+
+/* Adds to the row at work, which began at start[rows]; there is room. */
+static void sbi_live_rows_add(sbi_live_rows *rows, int node, sb_real weight)
+{
+    if (rows->place[node] < 0) {
+        rows->place[node] = rows->entries;
+        rows->nodes[rows->entries] = node;
+        rows->weights[rows->entries++] = weight;
+    } else {
+        rows->weights[rows->place[node]] += weight;
+    }
+}
+
+static void sbi_live_rows_close(sbi_live_rows *rows)
+{
+    for (int k = rows->start[rows->rows]; k < rows->entries; k++)
+        rows->place[rows->nodes[k]] = -1;
+    rows->start[++rows->rows] = rows->entries;
+}
+
+/* ---- springs and mappings ---- */
+
+/* 1 when a cell of the next mesh has all nodes of the list. */
+static int sbi_live_share_cell(const sb_body *body, const int *nodes, int count)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    int n = body->domain.nodes_per_cell;
+    for (int k = lists->offsets[nodes[0]]; k < lists->offsets[nodes[0] + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        int found = 0;
+        for (int i = 0; i < count; i++)
+            for (int a = 0; a < n; a++)
+                found += cell[a] == nodes[i];
+        if (found == count)
+            return 1;
+    }
+    return 0;
+}
+
+/* Index of a removed cell that had all these nodes, or -1. */
+static int sbi_live_removed_cell(const sbi_mesh_change *change, const int *nodes, int count)
+{
+    int n = change->nodes_per_cell;
+    for (int c = 0; c < change->removed_cell_count; c++) {
+        int found = 0;
+        for (int i = 0; i < count; i++)
+            for (int a = 0; a < n; a++)
+                found += change->removed_cell_nodes[c * n + a] == nodes[i];
+        if (found == count)
+            return c;
+    }
+    return -1;
+}
+
+/* Shape functions of a tet4 at a point (m); returns the least. */
+static double sbi_live_tet_weights(const sb_body *body, const int *cell, const double point[3], double weight[4])
+{
+    double edge[3][3], rest[3], det, least;
+    sb_vec3 origin = body->reference[cell[0]];
+    for (int a = 0; a < 3; a++) {
+        sb_vec3 x = body->reference[cell[a + 1]];
+        edge[a][0] = (double)x.x - (double)origin.x;
+        edge[a][1] = (double)x.y - (double)origin.y;
+        edge[a][2] = (double)x.z - (double)origin.z;
+    }
+    rest[0] = point[0] - (double)origin.x;
+    rest[1] = point[1] - (double)origin.y;
+    rest[2] = point[2] - (double)origin.z;
+    weight[0] = 1;
+    for (int a = 0; a < 3; a++) { /* triple products with the two other edges */
+        const double *b = edge[(a + 1) % 3], *c = edge[(a + 2) % 3];
+        const double cross[3] = {b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]};
+        det = edge[a][0] * cross[0] + edge[a][1] * cross[1] + edge[a][2] * cross[2];
+        weight[a + 1] = (rest[0] * cross[0] + rest[1] * cross[1] + rest[2] * cross[2]) / det;
+        weight[0] -= weight[a + 1];
+    }
+    least = weight[0];
+    for (int a = 1; a < 4; a++)
+        least = weight[a] < least ? weight[a] : least;
+    return least;
+}
+
+/* H^T X of a row in a body, in double. */
+static void sbi_live_rest_point(const sb_body *body, const int *nodes, const sb_real *weights, int count, double x[3])
+{
+    x[0] = x[1] = x[2] = 0;
+    for (int k = 0; k < count; k++) {
+        x[0] += (double)weights[k] * (double)body->reference[nodes[k]].x;
+        x[1] += (double)weights[k] * (double)body->reference[nodes[k]].y;
+        x[2] += (double)weights[k] * (double)body->reference[nodes[k]].z;
+    }
+}
+
+/* A row that is a point in a removed tet4 becomes that point of the made cell that has it; 0: it is none, or none has. */
+static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
+{
+    const sbi_mesh_change *change = rows->change;
+    double point[3], weight[4], best = -1e-6, sum = 0;
+    int found = -1, removed;
+    if (rows->body->domain.element_type != SB_TET4 || count > 4)
+        return 0;
+    for (int k = 0; k < count; k++)
+        sum += (double)weights[k];
+    removed = sbi_live_removed_cell(change, nodes, count);
+    if (removed < 0 || !(fabs(sum - 1) < 1e-5))
+        return 0;
+    sbi_live_rest_point(rows->body, nodes, weights, count, point);
+    for (int i = 0; i < change->made_cell_count; i++) {
+        double least = sbi_live_tet_weights(rows->next, change->made_cell_nodes + 4 * i, point, weight);
+        if (change->made_parents[i] == change->removed_cells[removed] && least > best) {
+            best = least;
+            found = i;
+        }
+    }
+    if (found < 0)
+        return 0;
+    sbi_live_tet_weights(rows->next, change->made_cell_nodes + 4 * found, point, weight);
+    for (int a = 0; a < 4; a++)
+        if (fabs(weight[a]) > 64 * (double)SB_EPSILON)
+            sbi_live_rows_add(rows, change->made_cell_nodes[4 * found + a], (sb_real)weight[a]);
+    return 1;
+}
+
+/* 1 when the row has a node that goes. */
+static int sbi_live_loses_node(const sbi_live_rows *rows, const int *nodes, int count)
+{
+    for (int k = 0; k < count; k++)
+        if (rows->removed_of[nodes[k]] >= 0)
+            return 1;
+    return 0;
+}
+
+/* The next form of one row of springs or a mapping. */
+static sb_result sbi_live_carry_row(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
+{
+    const sbi_mesh_change *change = rows->change;
+    const int *nodes = load->nodes + load->row_start[j];
+    const sb_real *weights = load->weights + load->row_start[j];
+    int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count);
+    int most = 4;
+    for (int k = 0; k < count; k++) {
+        int r = rows->removed_of[nodes[k]], heirs = r < 0 ? 1 : change->heir_start[r + 1] - change->heir_start[r];
+        if (heirs == 0 || (heirs > 1 && load->kind == SBI_LOAD_SPRINGS))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[k],
+                                 load->kind == SBI_LOAD_SPRINGS
+                                     ? "spring %d of load %d is at node %d, which goes and has not one heir"
+                                     : "row %d of load %d has node %d, which goes and has no heir",
+                                 j, load->id, nodes[k]);
+        most += heirs;
+    }
+    if (!sbi_live_rows_room(rows, most))
+        return sbi_live_rows_no_memory(error);
+    if (load->kind == SBI_LOAD_MAPPING && (lost || (count <= 4 && !sbi_live_share_cell(rows->next, nodes, count))) &&
+        sbi_live_relocate(rows, nodes, weights, count)) {
+        sbi_live_rows_close(rows);
+        return SB_OK;
+    }
+    for (int k = 0; k < count; k++) {
+        int r = rows->removed_of[nodes[k]];
+        if (r < 0)
+            sbi_live_rows_add(rows, nodes[k], weights[k]);
+        for (int h = r < 0 ? 0 : change->heir_start[r]; r >= 0 && h < change->heir_start[r + 1]; h++)
+            sbi_live_rows_add(rows, change->heirs[h],
+                              load->kind == SBI_LOAD_SPRINGS ? weights[k] : weights[k] * change->heir_weights[h]);
+    }
+    sbi_live_rows_close(rows);
+    return SB_OK;
+}
+
+/* What stays of a row where its nodes are others: stiffness, and where in space it is drawn to. */
+static void sbi_live_carry_values(const sbi_live_rows *rows, const sbi_load *load, sbi_load *made)
+{
+    size_t count = (size_t)load->row_count;
+    memcpy(made->stiffness, load->stiffness, count * sizeof(sb_real));
+    memcpy(made->balanced_stiffness, load->balanced_stiffness, count * sizeof(sb_real));
+    memcpy(made->target, load->target, count * sizeof(sb_vec3));
+    memcpy(made->balanced_target, load->balanced_target, count * sizeof(sb_vec3));
+    memcpy(made->force, load->force, count * sizeof(sb_vec3));
+    for (int j = 0; j < load->row_count; j++) {
+        double old[3], now[3];
+        sb_vec3 moved;
+        sbi_live_rest_point(rows->body, load->nodes + load->row_start[j], load->weights + load->row_start[j],
+                            load->row_start[j + 1] - load->row_start[j], old);
+        sbi_live_rest_point(rows->next, made->nodes + made->row_start[j], made->weights + made->row_start[j],
+                            made->row_start[j + 1] - made->row_start[j], now);
+        moved = sb_v3((sb_real)(old[0] - now[0]), (sb_real)(old[1] - now[1]), (sb_real)(old[2] - now[2]));
+        if (moved.x == 0 && moved.y == 0 && moved.z == 0)
+            continue;
+        made->target[j] = sb_v3_add(made->target[j], moved);
+        made->balanced_target[j] = sb_v3_add(made->balanced_target[j], moved);
+    }
+}
+
+/* ---- pressures ---- */
+
+/* Marks the nodes that a face may consist of now: its own, the heirs of those that went, and made ones all of whose
+ * sources are among its own. value 0 takes the marks away. */
+static void sbi_live_mark_face(sbi_live_rows *rows, const int *nodes, int count, unsigned char value)
+{
+    const sbi_mesh_change *change = rows->change;
+    for (int k = 0; k < count; k++) {
+        int r = rows->removed_of[nodes[k]];
+        if (r < 0)
+            rows->marks[nodes[k]] = value;
+        for (int h = r < 0 ? 0 : change->heir_start[r]; r >= 0 && h < change->heir_start[r + 1]; h++)
+            rows->marks[change->heirs[h]] = value;
+    }
+    for (int i = 0; i < change->made_node_count; i++) {
+        int inside = 1;
+        for (int s = change->source_start[i]; s < change->source_start[i + 1] && inside; s++) {
+            int own = 0;
+            for (int k = 0; k < count; k++)
+                own |= nodes[k] == change->sources[s];
+            inside = own;
+        }
+        if (inside)
+            rows->marks[change->made_nodes[i]] = value;
+    }
+}
+
+/* 1 when the rows made so far, from `first` on, have this face (in any order of its nodes). */
+static int sbi_live_has_face(const sbi_live_rows *rows, int first, const sbi_body_face *face)
+{
+    for (int j = first; j < rows->rows; j++) {
+        int found = 0, size = rows->start[j + 1] - rows->start[j];
+        for (int k = rows->start[j]; k < rows->start[j + 1]; k++)
+            for (int i = 0; i < face->count; i++)
+                found += face->nodes[i] == rows->nodes[k];
+        if (size == face->count && found == size)
+            return 1;
+    }
+    return 0;
+}
+
+static int sbi_live_add_face(sbi_live_rows *rows, const sbi_body_face *face)
+{
+    if (!sbi_live_rows_room(rows, face->count))
+        return 0;
+    for (int k = 0; k < face->count; k++) {
+        rows->nodes[rows->entries] = face->nodes[k];
+        rows->weights[rows->entries++] = 0;
+    }
+    rows->types[rows->rows] = face->type;
+    rows->start[++rows->rows] = rows->entries;
+    return 1;
+}
+
+/* Adds the outer faces of a made cell whose nodes are all marked; 0: no memory. */
+static int sbi_live_add_parts(sbi_live_rows *rows, int made)
+{
+    sbi_element element = sbi_domain_element(&rows->next->domain);
+    int n = rows->change->nodes_per_cell;
+    const int *cell = rows->change->made_cell_nodes + (size_t)made * (size_t)n;
+    for (int f = 0; f < sbi_element_face_count(element); f++) {
+        int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES], inside = 1, corners;
+        sb_element_type type = SB_NO_ELEMENT;
+        int count = sbi_element_face(element, f, local, &type);
+        sbi_body_face face;
+        corners = sb_element_corner_count(type);
+        for (int k = 0; k < count; k++) {
+            nodes[k] = cell[local[k]];
+            inside &= rows->marks[nodes[k]];
+        }
+        if (!inside || sbi_body_get_face(rows->next, nodes, 0, corners, &face, NULL) != SB_OK || face.inner ||
+            sbi_live_has_face(rows, 0, &face))
+            continue;
+        if (!sbi_live_add_face(rows, &face))
+            return 0;
+    }
+    return 1;
+}
+
+/* The parts of one face of a pressure, or the face as it is. */
+static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, int j, sb_error *error)
+{
+    const int *nodes = load->nodes + load->row_start[j];
+    int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
+    sbi_body_face face;
+    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) ==
+                     SB_OK && !face.inner) {
+        if (face.count == count) /* in the order that the load has, whichever cell it is of now */
+            memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
+        done = sbi_live_add_face(rows, &face);
+        return done ? SB_OK : sbi_live_rows_no_memory(error);
+    }
+    sbi_live_mark_face(rows, nodes, count, 1);
+    done = 1;
+    for (int i = 0; i < rows->change->made_cell_count && done; i++)
+        done = sbi_live_add_parts(rows, i);
+    sbi_live_mark_face(rows, nodes, count, 0);
+    return done ? SB_OK : sbi_live_rows_no_memory(error);
+}
+
+/* ---- loads ---- */
+
+/* Makes the next form of a load from the rows that were gathered. */
+static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, sbi_load *made, sb_error *error)
+{
+    size_t pairs = 0;
+    sb_result result;
+    for (int j = 0; j < rows->rows; j++) {
+        size_t size = (size_t)(rows->start[j + 1] - rows->start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            return sbi_live_rows_no_memory(error);
+    }
+    result = sbi_load_make(&rows->next->allocator, load->kind, rows->rows, rows->entries, pairs, made, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(made->row_start, rows->start, ((size_t)rows->rows + 1) * sizeof(int));
+    memcpy(made->nodes, rows->nodes, (size_t)rows->entries * sizeof(int));
+    made->id = load->id;
+    made->balanced = load->balanced;
+    made->pressure = load->pressure;
+    made->balanced_pressure = load->balanced_pressure;
+    memcpy(made->net, load->net, sizeof made->net);
+    if (load->kind == SBI_LOAD_PRESSURE) {
+        memcpy(made->face_types, rows->types, (size_t)rows->rows * sizeof(sb_element_type));
+        return SB_OK;
+    }
+    memcpy(made->weights, rows->weights, (size_t)rows->entries * sizeof(sb_real));
+    sbi_live_carry_values(rows, load, made);
+    return SB_OK;
+}
+
+static sb_result sbi_live_carry_load(sbi_live_rows *rows, const sbi_load *load, sb_error *error)
+{
+    sb_body *next = rows->next;
+    sbi_load *made = next->loads + next->load_count;
+    sb_result result = sbi_live_rows_room(rows, 0) ? SB_OK : sbi_live_rows_no_memory(error);
+    if (result == SB_OK)
+        sbi_live_rows_clear(rows);
+    for (int j = 0; j < load->row_count && result == SB_OK; j++)
+        result = load->kind == SBI_LOAD_PRESSURE ? sbi_live_carry_face(rows, load, j, error)
+                                                 : sbi_live_carry_row(rows, load, j, error);
+    if (result == SB_OK && rows->rows == 0)
+        result = sbi_fail_node(error, SB_ERROR_ARGUMENT, load->nodes[0],
+                               "pressure %d would lose its last face: remove it first", load->id);
+    if (result == SB_OK)
+        result = sbi_live_make_load(rows, load, made, error);
+    if (result != SB_OK)
+        return result;
+    next->load_count++;
+    if (load->kind != SBI_LOAD_PRESSURE) {
+        sbi_body_rows ties = {made->row_count, made->row_start, made->nodes, NULL, made->weights};
+        result = sbi_body_reserve_ties(next, &ties, error);
+        if (result == SB_OK)
+            result = sbi_body_extend_pattern(next, made->row_count, made->row_start, made->nodes, error);
+    }
+    return result;
+}
+
+/* ---- constraints ---- */
+
+/* One equation with the heirs of its masters; the terms go to the row at work as unknowns. */
+static sb_result sbi_live_carry_equation(sbi_live_rows *rows, const sbi_equations *from, int c, sbi_equations *to,
+                                         sb_error *error)
+{
+    const sbi_mesh_change *change = rows->change;
+    int end = to->start[c];
+    for (int k = from->start[c]; k < from->start[c + 1]; k++) {
+        int node = from->dof[k] / 3, axis = from->dof[k] % 3, r = rows->removed_of[node];
+        int first = r < 0 ? 0 : change->heir_start[r], last = r < 0 ? 1 : change->heir_start[r + 1];
+        if (r >= 0 && (k == from->start[c] || first == last))
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 k == from->start[c] ? "node %d, which goes, is the slave of constraint %d"
+                                                     : "node %d, which goes and has no heir, is in constraint %d",
+                                 node, from->id[c]);
+        for (int h = first; h < last; h++) {
+            int dof = 3 * (r < 0 ? node : change->heirs[h]) + axis, at = to->start[c];
+            sb_real coefficient = r < 0 ? from->coefficient[k] : from->coefficient[k] * change->heir_weights[h];
+            while (at < end && to->dof[at] != dof)
+                at++;
+            if (at == end) {
+                to->dof[end] = dof;
+                to->coefficient[end++] = 0;
+            }
+            to->coefficient[at] += coefficient;
+        }
+    }
+    to->start[c + 1] = end;
+    return SB_OK;
+}
+
+/* Upper bound of the terms once heirs stand for their nodes. */
+static size_t sbi_live_count_terms(const sbi_live_rows *rows, const sbi_equations *from)
+{
+    size_t terms = 0;
+    for (int k = 0; k < from->start[from->count]; k++) {
+        int r = rows->removed_of[from->dof[k] / 3];
+        terms += r < 0 ? 1 : (size_t)(rows->change->heir_start[r + 1] - rows->change->heir_start[r]);
+    }
+    return terms + 1;
+}
+
+static sb_result sbi_live_carry_constraints(sbi_live_rows *rows, sb_error *error)
+{
+    const sbi_elimination *elimination = rows->body->elimination;
+    sb_body *next = rows->next;
+    sbi_elimination_setup setup;
+    sbi_equations made;
+    sbi_body_rows ties;
+    sb_result result = SB_OK;
+    if (!elimination)
+        return SB_OK;
+    if (!sbi_equations_allocate(&next->allocator, elimination->equations.count,
+                                sbi_live_count_terms(rows, &elimination->equations), &made))
+        return sbi_live_rows_no_memory(error);
+    for (int c = 0; c < made.count && result == SB_OK; c++) {
+        made.id[c] = elimination->equations.id[c];
+        made.value[c] = elimination->equations.value[c];
+        result = sbi_live_carry_equation(rows, &elimination->equations, c, &made, error);
+    }
+    ties.count = made.count;
+    ties.start = made.start;
+    ties.nodes = NULL;
+    ties.dofs = made.dof;
+    ties.weights = made.coefficient;
+    if (result == SB_OK)
+        result = sbi_body_reserve_ties(next, &ties, error);
+    setup = sbi_body_elimination_setup(next, &next->matrix);
+    if (result == SB_OK)
+        result = sbi_elimination_create(&setup, &made, &next->elimination, error);
+    if (result != SB_OK) {
+        sbi_equations_free(&made);
+        return result;
+    }
+    memcpy(next->elimination->force, elimination->force, (size_t)elimination->equations.count * sizeof(sb_real));
+    sbi_precond_set_memory(next->elimination->precond, sbi_precond_get_memory(elimination->precond));
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change *change, sb_body *next,
+                                      sb_error *error)
+{
+    sbi_live_rows rows;
+    sb_result result = SB_OK;
+    next->last_load_id = body->last_load_id;
+    next->next_constraint = body->next_constraint;
+    if (!body->load_count && !body->elimination)
+        return SB_OK;
+    memset(&rows, 0, sizeof rows);
+    rows.body = body;
+    rows.change = change;
+    rows.next = next;
+    next->loads = (sbi_load *)sbi_alloc_zeroed(&next->allocator, (size_t)body->load_count + 1, sizeof(sbi_load));
+    next->load_capacity = next->loads ? body->load_count + 1 : 0;
+    if (!next->loads || !sbi_live_rows_begin(&rows))
+        result = sbi_live_rows_no_memory(error);
+    for (int i = 0; i < body->load_count && result == SB_OK; i++)
+        result = sbi_live_carry_load(&rows, body->loads + i, error);
+    if (result == SB_OK)
+        result = sbi_live_carry_constraints(&rows, error);
+    sbi_live_rows_end(&rows);
+    return result;
 }
 
 /* ==== src/softbody/geometry/embed_search.h ==== */
@@ -55551,6 +58475,151 @@ static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond
 
 static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
 
+/* ---- a mesh that may change ---- */
+
+enum { SBI_STATE_LIVE = 15 }; /* number of its part, which comes first */
+
+/* The body's mesh as the walk passes it; borrowed arrays. */
+static sbi_live_mesh sbi_state_live_view(const sb_body *body)
+{
+    sbi_live_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.nodes = body->live->nodes;
+    mesh.cells = body->live->cells;
+    mesh.positions = body->reference;
+    mesh.corners = body->domain.cells;
+    mesh.material = body->cell_material;
+    mesh.shares = body->live->shares;
+    return mesh;
+}
+
+/* Counts of one kind of slots, and the free ones in the order in which they will be used. */
+static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
+{
+    slots->end = sbi_state_int(walk, slots->end, 1, INT32_MAX / 16, "end of the slots");
+    slots->count = sbi_state_int(walk, slots->count, 0, INT32_MAX / 16, "number of free slots");
+    slots->fresh = sbi_state_int(walk, slots->fresh, 1, INT32_MAX / 8, "first slot that was never used");
+}
+
+static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
+{
+    for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
+        sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
+}
+
+/* What follows the counts; `store` has the image's values go into the mesh. */
+static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+{
+    sbi_state_slot_stack(walk, &mesh->nodes);
+    sbi_state_slot_stack(walk, &mesh->cells);
+    for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
+        sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
+    for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
+        sbi_state_put_real(walk, mesh->shares + e);
+        sbi_state_put_int(walk, mesh->material + e, 0, materials - 1, "region of a cell");
+        for (int a = 0; a < n && walk->result == SB_OK; a++)
+            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1, "node of a cell");
+    }
+}
+
+/* The part of bodies with slack. Passes over an image find the body with that mesh already: they only go past it. */
+static void sbi_state_live(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_live_mesh mesh = sbi_state_live_view(body);
+    int store = walk->store;
+    walk->store = 0;
+    sbi_state_slot_counts(walk, &mesh.nodes);
+    sbi_state_slot_counts(walk, &mesh.cells);
+    sbi_state_live_arrays(walk, &mesh, body->domain.nodes_per_cell, body->material_count);
+    walk->store = store;
+}
+
+/* Which slots are in use, from those that are not; 0: they do not fit together. */
+static int sbi_state_use_slots(sbi_slots *slots)
+{
+    memset(slots->used, 0, (size_t)slots->capacity);
+    memset(slots->used, 1, (size_t)slots->fresh);
+    for (int k = 0; k < slots->count; k++) {
+        if (!slots->used[slots->stack[k]])
+            return 0;
+        slots->used[slots->stack[k]] = 0;
+    }
+    for (int i = slots->end; i < slots->fresh; i++)
+        if (slots->used[i])
+            return 0;
+    return slots->used[slots->end - 1];
+}
+
+/* Whether cells in use have used nodes, each once, and a share, and free ones have nothing. */
+static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_error *error)
+{
+    for (int e = 0; e < mesh->cells.end; e++) {
+        const int *cell = mesh->corners + (size_t)e * (size_t)n;
+        sb_real share = mesh->shares[e];
+        int used = mesh->cells.used[e], bad = used ? !(share > 0) || !(share <= 1) : share != 0;
+        for (int a = 0; a < n; a++) {
+            bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
+            for (int b = 0; b < a && used; b++)
+                bad |= cell[b] == cell[a];
+        }
+        if (bad)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved cell %d is damaged", e);
+    }
+    return SB_OK;
+}
+
+/* Reads the mesh of an image. */
+static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh, sb_error *error)
+{
+    sbi_state_walk walk = *from;
+    sbi_slots nodes, cells;
+    int n = body->domain.nodes_per_cell;
+    uint64_t needed;
+    sb_result result;
+    memset(&nodes, 0, sizeof nodes);
+    memset(&cells, 0, sizeof cells);
+    walk.pass = SBI_STATE_CHECK;
+    walk.used = SBI_IMAGE_HEAD + 4; /* behind the number of the part */
+    sbi_state_slot_counts(&walk, &nodes);
+    sbi_state_slot_counts(&walk, &cells);
+    if (walk.result != SB_OK)
+        return walk.result;
+    needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n);
+    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count || cells.fresh > cells.end + cells.count ||
+        nodes.count > nodes.fresh || cells.count > cells.fresh || nodes.end > nodes.fresh || cells.end > cells.fresh)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
+    result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    walk.store = 1;
+    sbi_state_live_arrays(&walk, mesh, n, body->material_count);
+    if (walk.result == SB_OK && (!sbi_state_use_slots(&mesh->nodes) || !sbi_state_use_slots(&mesh->cells)))
+        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the free slots of the saved mesh do not fit together");
+    if (walk.result == SB_OK)
+        walk.result = sbi_state_check_cells(mesh, n, error);
+    return walk.result;
+}
+
+/* 1 when the body has this mesh, and its free slots in this order. */
+static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
+{
+    return a->end == b->end && a->fresh == b->fresh && a->count == b->count &&
+           (a->count == 0 || memcmp(a->stack, b->stack, (size_t)a->count * sizeof(int)) == 0) &&
+           memcmp(a->used, b->used, (size_t)a->end) == 0;
+}
+
+static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
+{
+    size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
+    return sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
+           sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
+           memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
+           memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
+           memcmp(body->cell_material, mesh->material, cells * sizeof(int)) == 0 &&
+           memcmp(body->live->shares, mesh->shares, cells * sizeof(sb_real)) == 0;
+}
+
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
 typedef struct sbi_state_part {
@@ -55559,6 +58628,7 @@ typedef struct sbi_state_part {
 } sbi_state_part;
 
 static const sbi_state_part sbi_state_parts[] = {
+    {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
@@ -55574,6 +58644,8 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
     for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
         const sbi_state_part *part = sbi_state_parts + i;
+        if (part->walk == sbi_state_live && !body->live)
+            continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
@@ -55650,9 +58722,54 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
+/* All passes of an image over a body that has its mesh. */
+static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+{
+    sbi_state_run_const(body, walk, SBI_STATE_CHECK);
+    if (walk->result == SB_OK && walk->used != walk->size)
+        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
+                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK)
+        sbi_state_run(body, walk, SBI_STATE_RESERVE);
+    if (walk->result != SB_OK)
+        sbi_state_drop(body, walk);
+    else
+        sbi_state_run(body, walk, SBI_STATE_READ);
+    return walk->result;
+}
+
+/* The same for a body with slack, which may have another mesh now: then the image goes to a body of that mesh, whose
+ * place this one takes at the end. */
+static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_error *error)
+{
+    sbi_live_mesh mesh;
+    sb_body *next = NULL;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_state_read_mesh(body, walk, &mesh, error);
+    if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
+        sbi_live_mesh_free(body, &mesh);
+        return sbi_state_pass_image(body, walk, error);
+    }
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    sbi_live_mesh_free(body, &mesh);
+    if (result == SB_OK)
+        result = sbi_state_pass_image(next, walk, error);
+    if (result != SB_OK) {
+        sb_body_destroy(next);
+        return result;
+    }
+    sbi_live_replace(body, next);
+    for (int i = 0; i < body->live->listener_count; i++)
+        body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, NULL);
+    return SB_OK;
+}
+
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int is_live;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
     walk.in = (const unsigned char *)buffer;
@@ -55661,19 +58778,15 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
-    sbi_state_run_const(body, &walk, SBI_STATE_CHECK);
-    if (walk.result == SB_OK && walk.used != walk.size)
-        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                               (unsigned long)(walk.size - walk.used));
+    is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
+    if (is_live != (body->live != NULL))
+        return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
+                                                       : "the state is of a body whose mesh does not change: def.slack "
+                                                         "is not 0 here");
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
     if (walk.result == SB_OK)
-        sbi_state_run(body, &walk, SBI_STATE_RESERVE);
-    if (walk.result != SB_OK) {
-        sbi_state_drop(body, &walk);
-        return walk.result;
-    }
-    sbi_state_run(body, &walk, SBI_STATE_READ);
-    sbi_state_tell(body, walk.in, size);
-    return SB_OK;
+        sbi_state_tell(body, walk.in, size);
+    return walk.result;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
@@ -56323,6 +59436,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CONSTRAINT_VALUE, "constraint value", 0, 1, sbi_play_constraint_value},
     {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
     {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
+    {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
 };

@@ -85,6 +85,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
+    SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
     SBI_COMMAND_COUNT
@@ -123,7 +124,10 @@ struct sb_body {
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
     sbi_assembly assembly;
-    void *memory;                /* the one block behind the arrays below and in assembly */
+    int node_capacity;           /* node slots that the arrays by node have room for */
+    void *memory;                /* the one block behind the arrays by node */
+    void *topology_memory;       /* the one behind those by part and by block of the matrix, and those in assembly */
+    struct sbi_live *live;       /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
     int material_count;          /* one per region of the mesh */
     int *material_regions;       /* [material_count] ascending region numbers */
     sb_material *materials;      /* [material_count] */
@@ -262,6 +266,14 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* arrays by node for node_capacity slots, and those by part and block once the matrix is there; */
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error);
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error);
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from); /* all arrays by node */
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the other's */
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
+/* parts of the nodes and their boxes; holds the nodes of no element; */
+SBI_API void sbi_body_label_nodes(sb_body *body);
 /* regions and materials, one material per region, and each cell's material; */
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
@@ -270,6 +282,8 @@ SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def 
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
+/* directions at unit length; */
+SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count);
 /* memory, which only ever grows: */
 SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error);
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed);

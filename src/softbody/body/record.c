@@ -13,6 +13,7 @@
 
 #include "body_private.h"
 #include "constraint.h"
+#include "live_private.h"
 #include "load.h"
 #include "../base/output.h"
 
@@ -615,6 +616,7 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CONSTRAINT_VALUE, "constraint value", 0, 1, sbi_play_constraint_value},
     {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
     {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
+    {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
 };
