@@ -27843,6 +27843,7 @@ typedef struct sbi_live_key {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
+    unsigned version;        /* how many changes there were, from 1 */
     int *room;               /* [row_capacity] places of the row's piece */
     int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
     unsigned char *in_use;   /* [row_capacity] */
@@ -27882,6 +27883,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
@@ -28579,6 +28582,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
 }
 
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
+
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
     int count = 0;
@@ -29079,6 +29084,7 @@ static void sbi_live_begin(sb_matrix *matrix)
     sbi_matrix_live *live = matrix->live;
     live->touched_count = 0;
     live->repacked = 0;
+    live->version++;
     if (live->pack)
         sbi_live_pack(matrix);
     live->pack = 0;
@@ -29159,6 +29165,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sb_matrix made = *matrix;
     live->row_capacity = rows;
     live->block_capacity = blocks;
+    live->version = 1;
     live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
     live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
     if (!live->pool_memory) {
@@ -30016,6 +30023,7 @@ struct sb_direct {
     void *memory;         /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int *position;        /* [node_count] column of a node */
     int *node;            /* [node_count] node of a column */
     sbi_direct_piece *pieces;
@@ -30395,7 +30403,8 @@ SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pat
         made->allocator = *allocator;
     made->kind = def ? (int)def->kind : (int)ordinary.kind;
     made->node_count = pattern->row_count;
-    made->block_count = pattern->block_count;
+    made->block_count = sbi_matrix_used_blocks(pattern);
+    made->pattern_version = sbi_matrix_version(pattern);
     made->info.unknowns = 3 * pattern->row_count;
     result = sbi_direct_analyse(made, pattern, def ? def->positions : NULL, error);
     if (result != SB_OK) {
@@ -30535,7 +30544,8 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     sb_result result = SB_OK;
     size_t used = 0;
     int depth = 0;
-    if (!direct || !matrix || matrix->row_count != direct->node_count || matrix->block_count != direct->block_count)
+    if (!direct || !matrix || matrix->row_count != direct->node_count ||
+        sbi_matrix_used_blocks(matrix) != direct->block_count || sbi_matrix_version(matrix) != direct->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix is not of the pattern the solver was made for");
     direct->ready = 0;
     direct->info.least_pivot = 0;
@@ -32743,13 +32753,13 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     const sbi_mg_level *level = work->level;
     const double own = 1 / ((double)level->scale[4 * (size_t)i + 3] * (double)SBI_MG_ONE);
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
         if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
             continue;
         for (int e = 0; e < 9; e++)
-            lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
+            lost[e] += (double)work->matrix->blocks[at][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
@@ -32762,12 +32772,12 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
-        int i = group->rows[k];
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+        int i = group->rows[k], at = work->matrix->row_start[i];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
             for (int e = 0; e < 9; e++)
-                group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
+                group->matrix.blocks[own][e] = work->matrix->blocks[at][e] * scale;
             own++;
         }
         sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);
@@ -33005,19 +33015,23 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
 {
-    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)sbi_matrix_used_blocks(pattern);
+    int end = 0;
     level->row_count = pattern->row_count;
-    level->block_count = pattern->block_count;
+    level->block_count = (int)blocks;
     level->row_start = sbi_mg_take_ints(m, rows + 1);
     level->columns = sbi_mg_take_ints(m, blocks);
     level->diagonal = sbi_mg_take_ints(m, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
-    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
-    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
-    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
-    for (int i = 0; i < level->row_count; i++)
-        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
+    level->row_start[0] = 0;
+    for (int i = 0; i < level->row_count; i++) { /* without the gaps that rows of a live matrix have between them */
+        int length = pattern->row_end[i] - pattern->row_start[i];
+        memcpy(level->columns + end, pattern->columns + pattern->row_start[i], (size_t)length * sizeof(int));
+        level->diagonal[i] = end + pattern->diagonal[i] - pattern->row_start[i];
+        level->row_start[i + 1] = end += length;
+        m->longest_row = sbi_max_int(m->longest_row, length);
+    }
     return sbi_mg_take_values(m, level);
 }
 
@@ -33630,10 +33644,11 @@ static int sbi_mg_invert(const float *block, float *inverse)
 static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real *block = work->matrix->blocks[level->diagonal[i]];
+    const sb_real *block = work->matrix->blocks[work->matrix->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
+    int later = work->matrix->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)];
     double largest = 0, inverse;
-    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
+    SBI_PREFETCH(work->matrix->blocks[later], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -33694,20 +33709,21 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, which is `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
  * in 16 without. */
-SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const float *block, float own, float other,
-                                         int *bad)
+SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
+                                         float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(work->matrix->blocks[q], (double)own * (double)other * (work->scale * SBI_MG_WORD),
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
                           level->packed + 9 * q, level->rest + 9 * q, bad);
         return;
     }
 #endif
     (void)bad;
+    (void)from;
     sbi_mg_pack(block, (own * other) * SBI_MG_ONE, level->packed + 9 * q);
 }
 
@@ -33716,7 +33732,7 @@ SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, cons
 static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real(*from)[9] = (const sb_real(*)[9])work->matrix->blocks + work->matrix->row_start[i];
     const sb_real scale = (sb_real)work->scale;
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
@@ -33725,16 +33741,16 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
-    for (int q = level->row_start[i]; q < last; q++) {
+    for (int q = level->row_start[i]; q < last; q++, from++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
-        sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack_finest(work, (size_t)q, block, own, scales[4 * (size_t)j + 3], &bad);
+        sbi_mg_round_block(*from, scale, block);
+        sbi_mg_pack_finest(work, (size_t)q, *from, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
@@ -33819,8 +33835,8 @@ static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
     const sbi_mg_level *level = work->level;
     const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
+        const sb_real *from = work->matrix->blocks[at];
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_ONE);
         for (int k = 0; k < 9; k++)
@@ -34916,6 +34932,7 @@ struct sb_preconditioner {
     int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -35300,7 +35317,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -35515,8 +35532,9 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
-    p->block_count = pattern->block_count;
-    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
+    p->block_count = sbi_matrix_used_blocks(pattern);
+    p->lower_count = (p->block_count - pattern->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(pattern);
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
@@ -35556,7 +35574,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
+    if (!p || !matrix || matrix->row_count != p->row_count ||
+        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -35643,7 +35662,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
                                           const sb_vec3 *positions, sb_error *error)
 {
     sbi_precond_updating work;
-    double scale;
+    double scale = 1;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
@@ -35844,7 +35863,7 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     for (int k = 0; k < p->row_count; k++) {
         int i = p->order[k], begin = end;
         p->start[k] = begin;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q], e = end;
             if (place[j] >= k)
                 continue;
@@ -36481,12 +36500,14 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
         memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_start[entry_of[q] + 2]++;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_start[entry_of[q] + 2]++;
         for (int e = 0; e < entries; e++)
             c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
     }
     sbi_free(&p->allocator, scratch);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
@@ -36612,10 +36633,11 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
               z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
