@@ -128,6 +128,7 @@ build/$(1)/suites.h: $(or $(6),$(TESTS)) Makefile
 build/$(1)/main.o: build/$(1)/suites.h
 build/$(1)/test_hostile.o: build/calls.h
 build/$(1)/test_live_matrix.o: softbody.h # of rooms below the public calls, whose code it therefore includes
+build/$(1)/test_guest.o: softbody.h
 build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) tests/main.c tests/implementation.c)
 	$(2) $$^ -lm $(4) -o $$@
 endef

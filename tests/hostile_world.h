@@ -19,6 +19,9 @@ typedef struct world {
     sb_element_table table;
     sb_material material;
     sb_body *body;                /* with every kind of load and a constraint */
+    sb_body *live, *idle;         /* whose meshes may change: one is being changed, one is not */
+    sb_body_change *change;       /* of live */
+    sb_change_cell change_cell;
     int pressure, springs, mapping, constraint;
     sb_body *plain;               /* for registration: without */
     sb_recording *recording;      /* of plain */
@@ -261,6 +264,72 @@ static sb_body *world_body(world *w)
     CHECK_OK(sb_body_add_constraint(w->body, world_terms(w, 23), 2, 0, &w->constraint, NULL));
     CHECK_OK(sb_body_step(w->body, REAL(0.01), NULL));
     return w->body;
+}
+
+static void world_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    (void)user, (void)body, (void)change;
+}
+
+static const sb_body_listener *world_listener(void)
+{
+    static const sb_body_listener listener = {NULL, NULL, world_follow, NULL};
+    return &listener;
+}
+
+static sb_body *world_make_live(world *w)
+{
+    sb_body_def def = *world_body_def(w);
+    sb_body *body = NULL;
+    def.slack = 1;
+    CHECK_OK(sb_body_create(&def, &body, NULL));
+    return body;
+}
+
+static sb_body *world_idle(world *w)
+{
+    if (!w->idle)
+        w->idle = world_make_live(w);
+    return w->idle;
+}
+
+static sb_body_change *world_change(world *w)
+{
+    if (!w->live)
+        w->live = world_make_live(w);
+    if (w->live && !w->change)
+        CHECK_OK(sb_body_change_begin(w->live, &w->change, NULL));
+    return w->change;
+}
+
+static sb_body_change *world_idle_change(world *w)
+{
+    sb_body_change *change = NULL;
+    CHECK_OK(sb_body_change_begin(world_idle(w), &change, NULL));
+    return change;
+}
+
+static const sb_real *world_ones(void)
+{
+    static const sb_real ones[4] = {1, 1, 1, 1};
+    return ones;
+}
+
+/* Element 0 once more. */
+static const sb_change_cell *world_change_cell(world *w)
+{
+    w->change_cell = sb_default_change_cell();
+    w->change_cell.nodes = w->mesh.elements;
+    w->change_cell.parent = 0;
+    return &w->change_cell;
+}
+
+/* A number of that body's listener. */
+static int world_listening(world *w)
+{
+    int id = 0;
+    CHECK_OK(sb_body_listen(world_idle(w), world_listener(), &id, NULL));
+    return id;
 }
 
 static sb_body *world_plain(world *w)
@@ -966,6 +1035,8 @@ static void world_free(world *w)
     sb_domain_free(&w->domain);
     sb_recording_destroy(w->recording);
     sb_body_destroy(w->plain);
+    sb_body_destroy(w->live);
+    sb_body_destroy(w->idle);
     sb_body_destroy(w->body);
     sb_mesh_free(&w->spoilt);
     sb_mesh_free(&w->surface);

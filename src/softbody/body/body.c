@@ -1,6 +1,7 @@
 /* body: made and taken away; settings, and who hears of changes. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -16,6 +17,7 @@ SB_API sb_body_def sb_default_body_def(void)
     def.preconditioner = SB_PRECOND_AUTO;
     def.levels = NULL;
     def.level_count = 0;
+    def.slack = 0;
     def.tolerance = (sb_real)1e-3;
     def.max_iterations = 500;
     def.max_newton = SB_AUTO;
@@ -51,13 +53,6 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
         body->observe(body->observer, command);
 }
 
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -87,6 +82,8 @@ SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *erro
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
     if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (!(def->slack >= 0) || !(def->slack <= 1000))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
     if (def->allocator.alloc && !def->allocator.release)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
     if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
@@ -118,49 +115,113 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
 
 /* ---- creation: memory ---- */
 
-/* Lays out every array of the body; walked once to measure and once to hand out. */
-static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+/* The vectors by node, which a live mesh carries over when it grows. */
+enum { SBI_BODY_VECTORS = 26 };
+static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
-    size_t n = (size_t)body->domain.node_count;
-    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
-                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
-                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
-                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
-                           &body->work,      &body->work2};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
+    sb_vec3 **list[SBI_BODY_VECTORS] = {
+        &body->reference, &body->position, &body->displacement, &body->velocity, &body->target, &body->dead_load,
+        &body->acceleration, &body->internal, &body->external, &body->follower, &body->equilibrated, &body->residual,
+        &body->rhs, &body->increment, &body->reaction, &body->velocity0, &body->acceleration0, &body->start,
+        &body->saved_velocity, &body->saved_acceleration, &body->saved_reaction, &body->saved_external,
+        &body->saved_internal, &body->converged, &body->work, &body->work2};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* Lays out every array by node slot; walked once to measure and once to hand out. */
+static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->node_capacity;
+    sb_vec3 **vectors[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(body, vectors);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
         *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
     body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+}
+
+/* The same for what depends on cells, parts and the matrix. */
+static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
+{
+    size_t parts = (size_t)body->component_count;
     body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
         body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
 
-static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+/* One block of zeros for a layout, or NULL. */
+static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
 {
     sbi_arena arena = {NULL, 0, 0};
     unsigned char *base;
-    sbi_body_layout(body, &arena);
-    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
-                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
-    if (!body->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
-    base = (unsigned char *)body->memory;
-    memset(base, 0, arena.used + 64);
+    layout(body, &arena);
+    base = arena.overflow || arena.used > (size_t)-1 - 64
+               ? NULL
+               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
+    if (!base)
+        return NULL;
     arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
     arena.used = 0;
-    sbi_body_layout(body, &arena);
-    return SB_OK;
+    layout(body, &arena);
+    return base;
+}
+
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
+{
+    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
+    return body->memory ? SB_OK
+                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
+}
+
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
+{
+    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
+    return body->topology_memory ? SB_OK
+                                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements",
+                                            body->domain.cell_count);
+}
+
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
+{
+    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
+    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(to, out);
+    sbi_body_list_vectors(from, in);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
+    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
+    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
+    memcpy(to->fixed, from->fixed, n);
+    memcpy(to->node_component, from->node_component, n * sizeof(int));
+}
+
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
+{
+    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
+    sb_body other = *a;
+    sbi_body_list_vectors(a, left);
+    sbi_body_list_vectors(b, right);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
+        sb_vec3 *vector = *left[i];
+        *left[i] = *right[i];
+        *right[i] = vector;
+    }
+    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
+    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
+    a->fixed = b->fixed, b->fixed = other.fixed;
+    a->node_component = b->node_component, b->node_component = other.node_component;
+    a->memory = b->memory, b->memory = other.memory;
+    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
+    a->assembly.reference = a->reference;
+    b->assembly.reference = b->reference;
 }
 
 /* ---- creation: topology ---- */
@@ -187,8 +248,7 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
-static void sbi_body_label_nodes(sb_body *body)
+SBI_API void sbi_body_label_nodes(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
     for (int c = 0; c < body->component_count; c++) {
@@ -200,18 +260,31 @@ static void sbi_body_label_nodes(sb_body *body)
         int first = lists->offsets[i];
         int lonely = first == lists->offsets[i + 1];
         body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        body->fixed[i] = lonely ? SB_XYZ : 0;
-        if (!lonely)
+        if (lonely) /* it would make every system singular */
+            body->fixed[i] = SB_XYZ;
+        else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
     }
 }
 
 /* ---- creation and its end ---- */
 
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
+{
+    uint64_t *node_colours =
+        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(&body->allocator, node_colours);
+    return SB_OK;
+}
+
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
-    uint64_t *node_colours;
     sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
                                    : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
                                                       &body->domain, error);
@@ -221,20 +294,19 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_topology(body, def->mesh, error);
     if (result == SB_OK)
-        result = sbi_body_take_memory(body, error);
+        result = sbi_live_create(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(body, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(body, error);
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
         result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
-    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(allocator, node_colours);
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -290,7 +362,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
+        sbi_load_release(&allocator, body->loads + i);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);
@@ -309,7 +381,9 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->cell_material);
     sbi_free(&allocator, body->materials);
     sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
+    sbi_live_destroy(body);
     sbi_free(&allocator, body);
 }
 

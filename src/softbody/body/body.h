@@ -79,6 +79,9 @@ typedef struct sb_body_def {
                                        * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
     sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
                                        * default 1e-6 */
+    sb_real slack;                    /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
+                                       * is in reserve, so that pointers to arrays by node stay valid while it lasts;
+                                       * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
     sb_allocator allocator;           /* default malloc */
     sb_jobs jobs;                     /* default inline */
     sb_clock clock;                   /* for sb_step_info's times; default NULL */

@@ -1,6 +1,7 @@
 /* body_check: what is unusual about a body. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -25,6 +26,8 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
     report->size = sbi_body_size(body);
     report->worst_quality = 1;
     for (int e = 0; e < mesh.element_count; e++) {
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sb_real quality = sb_mesh_element_quality(&mesh, e);
         report->sliver_count += quality < (sb_real)0.1;
         report->duplicate_count += !body->own_points && sbi_body_is_duplicate(body, e);
@@ -34,7 +37,7 @@ static void sbi_body_check_mesh(const sb_body *body, sb_check_report *report)
         }
     }
     for (int i = 0; i < mesh.node_count; i++)
-        report->unreferenced_count += body->node_component[i] < 0;
+        report->unreferenced_count += body->node_component[i] < 0 && sb_body_node_in_use(body, i);
     report->component_count = body->component_count;
     if (report->size > 10 || report->size < (sb_real)1e-3)
         report->warnings |= SB_CHECK_SIZE;
@@ -70,7 +73,8 @@ static void sbi_body_check_locking(const sb_body *body, sb_check_report *report)
     report->locking_limit = sbi_body_locking_limit(&body->domain);
     report->locking_element = -1;
     for (int e = 0; e < body->domain.cell_count; e++) {
-        if (!(sb_material_poisson(body->materials + body->cell_material[e]) > rounding * report->locking_limit))
+        if (!sbi_live_has_cell(body, e) ||
+            !(sb_material_poisson(body->materials + body->cell_material[e]) > rounding * report->locking_limit))
             continue;
         if (report->locking_count++ == 0)
             report->locking_element = e;

@@ -1,6 +1,7 @@
 /* body_mass: masses of nodes and of the matrix, and products with them. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -23,6 +24,15 @@ SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
+    if (body->live) { /* without free nodes */
+        low = body->component_low[0], high = body->component_high[0];
+        for (int c = 1; c < body->component_count; c++) {
+            sb_vec3 a = body->component_low[c], b = body->component_high[c];
+            low = sb_v3(sb_min(low.x, a.x), sb_min(low.y, a.y), sb_min(low.z, a.z));
+            high = sb_v3(sb_max(high.x, b.x), sb_max(high.y, b.y), sb_max(high.z, b.z));
+        }
+        return sb_v3_norm(sb_v3_sub(high, low));
+    }
     sb_mesh_bounds(&mesh, &low, &high);
     return sb_v3_norm(sb_v3_sub(high, low));
 }
@@ -57,9 +67,11 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
     for (int e = 0; e < body->domain.cell_count; e++) {
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sbi_body_gather_reference(body, e, x);
         sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
-        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+        sbi_body_add_mass_blocks(body, e, mass, sbi_live_density(body, e), blocks);
     }
 }
 
@@ -177,7 +189,9 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
     for (int e = 0; e < body->domain.cell_count; e++) {
         const int *cell = body->domain.cells + (size_t)e * (size_t)n;
-        sb_real density = body->materials[body->cell_material[e]].density;
+        sb_real density = sbi_live_density(body, e);
+        if (!sbi_live_has_cell(body, e))
+            continue;
         sbi_body_gather_reference(body, e, x);
         if (body->mass_blocks) {
             sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);

@@ -1,6 +1,7 @@
 /* body_material: regions, their materials, fibres, and what follows from them. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -97,7 +98,7 @@ SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def,
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
 {
     for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
-        if (index < 0 || body->cell_material[e] == index)
+        if ((index < 0 || body->cell_material[e] == index) && sbi_live_has_cell(body, e))
             return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
                                     "the material of element %d has fibres, but no directions were given (def.fibres)",
                                     e);
@@ -105,7 +106,7 @@ static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_m
 }
 
 /* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
-static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+SBI_API void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
 {
     for (int e = 0; e < count; e++) {
         sb_vec3 a = fibres[e];

@@ -1,6 +1,7 @@
 /* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -259,7 +260,7 @@ SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *mat
     *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
     if (young && *moduli) {
         for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+            young[e] = sbi_live_has_cell(body, e) ? sb_material_young(body->materials + body->cell_material[e]) : 0;
         result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
                                           *moduli, error);
     } else {

@@ -1,6 +1,7 @@
 /* body_read: sizes, motion and what can be read from it. */
 #include "body.h"
 #include "body_private.h"
+#include "live_mesh.h"
 
 #include <string.h>
 
@@ -239,7 +240,7 @@ SB_API sb_result sb_body_stress(const sb_body *body, int element, int point, sb_
     int admissible[SB_MAX_QUADRATURE_POINTS];
     if (!body || !stress)
         return SB_ERROR_ARGUMENT;
-    if (element < 0 || element >= body->domain.cell_count || point < 0 || point >= sbi_body_points(body))
+    if (!sb_body_cell_in_use(body, element) || point < 0 || point >= sbi_body_points(body))
         return SB_ERROR_INDEX;
     sbi_body_element_stresses(body, element, all, admissible);
     if (!admissible[point])

@@ -6,6 +6,7 @@
 
 #include "body_private.h"
 #include "constraint.h"
+#include "live_private.h"
 #include "load.h"
 #include "../base/output.h"
 #include "step_explicit.h"
@@ -693,7 +694,7 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
                                              walk->error));
     if (walk->result != SB_OK)
         return;
@@ -733,7 +734,7 @@ static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int co
 static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
 {
     for (int i = 0; i < count; i++)
-        sbi_free(&body->allocator, loads[i].memory);
+        sbi_load_release(&body->allocator, loads + i);
     sbi_free(&body->allocator, loads);
 }
 
@@ -1030,6 +1031,151 @@ static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond
 
 static void sbi_state_precond(sb_body *body, sbi_state_walk *walk) { sbi_state_memory_of(walk, body->precond); }
 
+/* ---- a mesh that may change ---- */
+
+enum { SBI_STATE_LIVE = 15 }; /* number of its part, which comes first */
+
+/* The body's mesh as the walk passes it; borrowed arrays. */
+static sbi_live_mesh sbi_state_live_view(const sb_body *body)
+{
+    sbi_live_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.nodes = body->live->nodes;
+    mesh.cells = body->live->cells;
+    mesh.positions = body->reference;
+    mesh.corners = body->domain.cells;
+    mesh.material = body->cell_material;
+    mesh.shares = body->live->shares;
+    return mesh;
+}
+
+/* Counts of one kind of slots, and the free ones in the order in which they will be used. */
+static void sbi_state_slot_counts(sbi_state_walk *walk, sbi_slots *slots)
+{
+    slots->end = sbi_state_int(walk, slots->end, 1, INT32_MAX / 16, "end of the slots");
+    slots->count = sbi_state_int(walk, slots->count, 0, INT32_MAX / 16, "number of free slots");
+    slots->fresh = sbi_state_int(walk, slots->fresh, 1, INT32_MAX / 8, "first slot that was never used");
+}
+
+static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
+{
+    for (int k = 0; k < slots->count && walk->result == SB_OK; k++)
+        sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
+}
+
+/* What follows the counts; `store` has the image's values go into the mesh. */
+static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
+{
+    sbi_state_slot_stack(walk, &mesh->nodes);
+    sbi_state_slot_stack(walk, &mesh->cells);
+    for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
+        sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
+    for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
+        sbi_state_put_real(walk, mesh->shares + e);
+        sbi_state_put_int(walk, mesh->material + e, 0, materials - 1, "region of a cell");
+        for (int a = 0; a < n && walk->result == SB_OK; a++)
+            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1, "node of a cell");
+    }
+}
+
+/* The part of bodies with slack. Passes over an image find the body with that mesh already: they only go past it. */
+static void sbi_state_live(sb_body *body, sbi_state_walk *walk)
+{
+    sbi_live_mesh mesh = sbi_state_live_view(body);
+    int store = walk->store;
+    walk->store = 0;
+    sbi_state_slot_counts(walk, &mesh.nodes);
+    sbi_state_slot_counts(walk, &mesh.cells);
+    sbi_state_live_arrays(walk, &mesh, body->domain.nodes_per_cell, body->material_count);
+    walk->store = store;
+}
+
+/* Which slots are in use, from those that are not; 0: they do not fit together. */
+static int sbi_state_use_slots(sbi_slots *slots)
+{
+    memset(slots->used, 0, (size_t)slots->capacity);
+    memset(slots->used, 1, (size_t)slots->fresh);
+    for (int k = 0; k < slots->count; k++) {
+        if (!slots->used[slots->stack[k]])
+            return 0;
+        slots->used[slots->stack[k]] = 0;
+    }
+    for (int i = slots->end; i < slots->fresh; i++)
+        if (slots->used[i])
+            return 0;
+    return slots->used[slots->end - 1];
+}
+
+/* Whether cells in use have used nodes, each once, and a share, and free ones have nothing. */
+static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_error *error)
+{
+    for (int e = 0; e < mesh->cells.end; e++) {
+        const int *cell = mesh->corners + (size_t)e * (size_t)n;
+        sb_real share = mesh->shares[e];
+        int used = mesh->cells.used[e], bad = used ? !(share > 0) || !(share <= 1) : share != 0;
+        for (int a = 0; a < n; a++) {
+            bad |= used ? !mesh->nodes.used[cell[a]] : cell[a] != 0;
+            for (int b = 0; b < a && used; b++)
+                bad |= cell[b] == cell[a];
+        }
+        if (bad)
+            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved cell %d is damaged", e);
+    }
+    return SB_OK;
+}
+
+/* Reads the mesh of an image. */
+static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh, sb_error *error)
+{
+    sbi_state_walk walk = *from;
+    sbi_slots nodes, cells;
+    int n = body->domain.nodes_per_cell;
+    uint64_t needed;
+    sb_result result;
+    memset(&nodes, 0, sizeof nodes);
+    memset(&cells, 0, sizeof cells);
+    walk.pass = SBI_STATE_CHECK;
+    walk.used = SBI_IMAGE_HEAD + 4; /* behind the number of the part */
+    sbi_state_slot_counts(&walk, &nodes);
+    sbi_state_slot_counts(&walk, &cells);
+    if (walk.result != SB_OK)
+        return walk.result;
+    needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
+             (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n);
+    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count || cells.fresh > cells.end + cells.count ||
+        nodes.count > nodes.fresh || cells.count > cells.fresh || nodes.end > nodes.fresh || cells.end > cells.fresh)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
+    result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    walk.store = 1;
+    sbi_state_live_arrays(&walk, mesh, n, body->material_count);
+    if (walk.result == SB_OK && (!sbi_state_use_slots(&mesh->nodes) || !sbi_state_use_slots(&mesh->cells)))
+        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the free slots of the saved mesh do not fit together");
+    if (walk.result == SB_OK)
+        walk.result = sbi_state_check_cells(mesh, n, error);
+    return walk.result;
+}
+
+/* 1 when the body has this mesh, and its free slots in this order. */
+static int sbi_state_same_slots(const sbi_slots *a, const sbi_slots *b)
+{
+    return a->end == b->end && a->fresh == b->fresh && a->count == b->count &&
+           (a->count == 0 || memcmp(a->stack, b->stack, (size_t)a->count * sizeof(int)) == 0) &&
+           memcmp(a->used, b->used, (size_t)a->end) == 0;
+}
+
+static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
+{
+    size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end, n = (size_t)body->domain.nodes_per_cell;
+    return sbi_state_same_slots(&body->live->nodes, &mesh->nodes) &&
+           sbi_state_same_slots(&body->live->cells, &mesh->cells) &&
+           memcmp(body->reference, mesh->positions, nodes * sizeof(sb_vec3)) == 0 &&
+           memcmp(body->domain.cells, mesh->corners, cells * n * sizeof(int)) == 0 &&
+           memcmp(body->cell_material, mesh->material, cells * sizeof(int)) == 0 &&
+           memcmp(body->live->shares, mesh->shares, cells * sizeof(sb_real)) == 0;
+}
+
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
 typedef struct sbi_state_part {
@@ -1038,6 +1184,7 @@ typedef struct sbi_state_part {
 } sbi_state_part;
 
 static const sbi_state_part sbi_state_parts[] = {
+    {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
@@ -1053,6 +1200,8 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
     for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
         const sbi_state_part *part = sbi_state_parts + i;
+        if (part->walk == sbi_state_live && !body->live)
+            continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
@@ -1129,9 +1278,54 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
+/* All passes of an image over a body that has its mesh. */
+static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+{
+    sbi_state_run_const(body, walk, SBI_STATE_CHECK);
+    if (walk->result == SB_OK && walk->used != walk->size)
+        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
+                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK)
+        sbi_state_run(body, walk, SBI_STATE_RESERVE);
+    if (walk->result != SB_OK)
+        sbi_state_drop(body, walk);
+    else
+        sbi_state_run(body, walk, SBI_STATE_READ);
+    return walk->result;
+}
+
+/* The same for a body with slack, which may have another mesh now: then the image goes to a body of that mesh, whose
+ * place this one takes at the end. */
+static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_error *error)
+{
+    sbi_live_mesh mesh;
+    sb_body *next = NULL;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_state_read_mesh(body, walk, &mesh, error);
+    if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
+        sbi_live_mesh_free(body, &mesh);
+        return sbi_state_pass_image(body, walk, error);
+    }
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    sbi_live_mesh_free(body, &mesh);
+    if (result == SB_OK)
+        result = sbi_state_pass_image(next, walk, error);
+    if (result != SB_OK) {
+        sb_body_destroy(next);
+        return result;
+    }
+    sbi_live_replace(body, next);
+    for (int i = 0; i < body->live->listener_count; i++)
+        body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, NULL);
+    return SB_OK;
+}
+
 SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t size, sb_error *error)
 {
     sbi_state_walk walk = sbi_state_begin();
+    int is_live;
     if (!body || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load needs a body and a buffer");
     walk.in = (const unsigned char *)buffer;
@@ -1140,19 +1334,15 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     if (walk.result != SB_OK)
         return walk.result;
     walk.size = size - SBI_IMAGE_TAIL;
-    sbi_state_run_const(body, &walk, SBI_STATE_CHECK);
-    if (walk.result == SB_OK && walk.used != walk.size)
-        walk.result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                               (unsigned long)(walk.size - walk.used));
+    is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
+    if (is_live != (body->live != NULL))
+        return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
+                                                       : "the state is of a body whose mesh does not change: def.slack "
+                                                         "is not 0 here");
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
     if (walk.result == SB_OK)
-        sbi_state_run(body, &walk, SBI_STATE_RESERVE);
-    if (walk.result != SB_OK) {
-        sbi_state_drop(body, &walk);
-        return walk.result;
-    }
-    sbi_state_run(body, &walk, SBI_STATE_READ);
-    sbi_state_tell(body, walk.in, size);
-    return SB_OK;
+        sbi_state_tell(body, walk.in, size);
+    return walk.result;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

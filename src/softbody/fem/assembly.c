@@ -1014,6 +1014,29 @@ SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_r
     return sbi_memory_run(assembly, u, dt, -1);
 }
 
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
+        return;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = (sb_real)INFINITY;
+    sbi_memory_advance_cell(&job, cell);
+    sbi_memory_prestress_cell(assembly, cell, 0);
+}
+
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    size_t q = (size_t)to->domain->points_per_cell;
+    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
+    sbi_batch_copy_cell(to, cell, from, old);
+    if (to->history && from->history && to->terms == from->terms) {
+        size_t stride = q * sbi_memory_stride(to);
+        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
+    }
+}
+
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
 {
     sbi_memory_run(assembly, u, (sb_real)INFINITY, material);

@@ -117,6 +117,11 @@ SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly);
 SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 /* The cells of one material (-1: all) forget: as if they had been at u for ever. */
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
+/* One cell forgets. */
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u);
+/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
+ * sbi_assembly_begin_step(to, 0). */
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 
 /* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
  * [points_per_cell] deformation gradients and what they turn by. */

@@ -91,7 +91,7 @@ SBI_API void sbi_batch_list_pairs(sbi_assembly *assembly, const sb_matrix *matri
             for (int a = 0; a < n; a++)
                 for (int b = a; b < n; b++, block++) {
                     int flip = cell[a] > cell[b], at = flip ? matrix->transpose[*block] : *block;
-                    if (a == b)
+                    if (cell[a] == cell[b]) /* the diagonal, and all of a free slot */
                         continue;
                     if (pass == 0)
                         start[at]++;
@@ -172,6 +172,18 @@ SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
 {
     for (size_t i = 0; assembly->batch_quats && i < sbi_batch_count(assembly->domain) * 4 * SB_POLAR_LANES; i++)
         assembly->batch_quats[i] = (i / SB_POLAR_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
+}
+
+/* Where the four numbers of a cell's rotation stand, SB_POLAR_LANES apart. */
+static sb_real *sbi_batch_quat_at(const sbi_assembly *assembly, int cell)
+{
+    return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
+}
+
+SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    for (int k = 0; to->batch_quats && from->batch_quats && k < 4 * SB_POLAR_LANES; k += SB_POLAR_LANES)
+        sbi_batch_quat_at(to, cell)[k] = sbi_batch_quat_at(from, old)[k];
 }
 
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore)

@@ -34,6 +34,8 @@ SBI_API sb_quat sbi_batch_get_quat(const sbi_assembly *assembly, int e);
 SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat);
 /* Rotations become the identity; only where the batched loops keep their own. */
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly);
+/* The one of a cell, from that of a cell of another assembly. */
+SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 

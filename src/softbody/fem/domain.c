@@ -65,11 +65,11 @@ static int sbi_domain_tet10_is_curved(const sb_vec3 *x)
     return 0;
 }
 
-static void sbi_domain_gather(const sb_mesh *mesh, int element, int node_count, sb_vec3 *x)
+static void sbi_domain_gather(const int *elements, const sb_vec3 *positions, int element, int node_count, sb_vec3 *x)
 {
-    const int *nodes = mesh->elements + (size_t)element * (size_t)node_count;
+    const int *nodes = elements + (size_t)element * (size_t)node_count;
     for (int a = 0; a < node_count; a++)
-        x[a] = mesh->nodes[nodes[a]];
+        x[a] = positions[nodes[a]];
 }
 
 static int sbi_domain_has_curved_side(const sb_mesh *mesh)
@@ -78,7 +78,7 @@ static int sbi_domain_has_curved_side(const sb_mesh *mesh)
     if (mesh->element_type != SB_TET10)
         return 0;
     for (int e = 0; e < mesh->element_count; e++) {
-        sbi_domain_gather(mesh, e, 10, x);
+        sbi_domain_gather(mesh->elements, mesh->nodes, e, 10, x);
         if (sbi_domain_tet10_is_curved(x))
             return 1;
     }
@@ -103,26 +103,34 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
-/* Fills weights and gradients of every cell; the arrays are there. */
-static sb_result sbi_domain_fill(const sb_mesh *mesh, sb_quadrature_kind kind, sb_domain *domain, sb_error *error)
+SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
+                                  const sb_real *shares, sb_error *error)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real local[SB_MAX_QUADRATURE_POINTS][SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_mesh_element_kind(mesh);
+    sbi_element element = sbi_domain_element(domain);
     int n = domain->nodes_per_cell, q = sbi_element_quadrature(element, kind, points, weights);
     for (int p = 0; p < q; p++)
         sbi_element_shape(element, points[p], NULL, local[p]);
-    for (int e = 0; e < mesh->element_count; e++) {
+    for (int e = 0; e < domain->cell_count; e++) {
+        size_t first = (size_t)e * (size_t)domain->points_per_cell, values = 3 * (size_t)n;
         sb_vec3 x[SB_MAX_ELEMENT_NODES];
-        sbi_domain_gather(mesh, e, n, x);
+        if (shares && !(shares[e] > 0)) {
+            memset(domain->gradients + first * values, 0, (size_t)domain->points_per_cell * values * sizeof(sb_real));
+            memset(domain->weights + first, 0, (size_t)domain->points_per_cell * sizeof(sb_real));
+            continue;
+        }
+        sbi_domain_gather(domain->cells, positions, e, n, x);
         for (int p = 0; p < q; p++) {
-            size_t at = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
-            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * 3 * (size_t)n);
+            size_t at = first + (size_t)p;
+            sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
             if (!(det > 0))
                 return sbi_fail_element(error, SB_ERROR_MESH, e,
                                         "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
                                         (double)det);
             domain->weights[at] = det * weights[p];
+            if (shares)
+                domain->weights[at] *= shares[e];
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -197,7 +205,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
         sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
-        result = sbi_domain_fill(mesh, kind, &made, error);
+        result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
     if (result != SB_OK) {
         sb_domain_free(&made);
         return result;

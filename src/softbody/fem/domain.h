@@ -75,6 +75,12 @@ typedef enum sb_mass_kind {
  * on failure. */
 SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, const sb_allocator *allocator,
                                   sb_domain *copy, sb_error *error);
+/* Fills weights and gradients of every cell; the arrays are there, cells, counts and mean_point set.
+ * positions  [node_count] (m)
+ * shares     [cell_count] that the weights are multiplied by; all of a cell is 0 where its share is. NULL: 1
+ * SB_ERROR_MESH names the element. */
+SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
+                                  const sb_real *shares, sb_error *error);
 /* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing

@@ -1,10 +1,9 @@
-/* mesh_change: one change of a live mesh, as every room that keeps data by node or cell learns of it. Internal. */
+/* mesh_change: one change of a live mesh, as whoever keeps data by node or cell learns of it. */
 #ifndef SB_MESH_CHANGE_H
 #define SB_MESH_CHANGE_H
 
 #include "../base/dense.h"
 
-#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Nodes and cells live in slots: they keep their numbers while they exist, and slots that were removed last are used
  * first. A slot that is removed and used again within one change stands in both lists: rooms take out all that goes
  * before they bring in what comes. A source may be a slot that this change removes or makes: rooms read all sources
@@ -14,9 +13,12 @@
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
+ * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
+ * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
+ *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
-typedef struct sbi_mesh_change {
+typedef struct sb_mesh_change {
     int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
     int nodes_per_cell;     /* n below */
 
@@ -26,8 +28,13 @@ typedef struct sbi_mesh_change {
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
 
+    const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
+
     int removed_node_count;
-    const int *removed_nodes; /* [removed_node_count] */
+    const int *removed_nodes;  /* [removed_node_count] */
+    const int *heir_start;     /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
+    const int *heirs;          /* nodes in use after the change that loads, mappings and constraints go over to */
+    const sb_real *heir_weights; /* they sum to 1 */
 
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
@@ -48,7 +55,8 @@ typedef struct sbi_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
     const sb_real *reshaped_shares; /* [reshaped_cell_count] as made_shares, of the new shape; NULL: 1 */
-} sbi_mesh_change;
-#endif
+} sb_mesh_change;
+
+typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
 
 #endif /* SB_MESH_CHANGE_H */

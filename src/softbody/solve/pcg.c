@@ -29,6 +29,8 @@ typedef struct sbi_pcg_part {
     double factor;          /* of the update at work */
     double drift;           /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
     int first_chunk;
+    int head;               /* the first of the parts that guests join with this one: all of them are kept there as one */
+    int next;               /* the next of them, or -1 */
     int loose;              /* axes on which none of its rows is prescribed */
     unsigned char fresh;    /* 1: its iteration starts; 0: it goes on along p */
     unsigned char done;     /* 1: nothing is to be done in this round */
@@ -71,6 +73,7 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace)
     if (!workspace)
         return;
     sbi_free(&workspace->allocator, workspace->memory);
+    sbi_free(&workspace->allocator, workspace->guests);
     memset(workspace, 0, sizeof *workspace);
 }
 
@@ -90,12 +93,13 @@ typedef struct sbi_pcg_state {
     int whole[2];           /* where that one starts and ends */
     const int *part_start;  /* [part_count + 1] */
     double *partial;        /* [chunks][2] */
+    sbi_guest_space *guests; /* NULL: none */
     const sb_jobs *jobs;
 } sbi_pcg_state;
 
 /* Rows of a task: at most SBI_ROW_CHUNK of one part. */
 typedef struct sbi_pcg_slice {
-    const sbi_pcg_part *part;
+    const sbi_pcg_part *part; /* the head of its own */
     const int *rows; /* NULL: first, first + 1, ... */
     int first, count;
 } sbi_pcg_slice;
@@ -112,7 +116,7 @@ static sbi_pcg_slice sbi_pcg_slice_of(const sbi_pcg_state *s, int chunk)
             high = middle;
     }
     begin = s->part_start[low] + (chunk - s->parts[low].first_chunk) * SBI_ROW_CHUNK;
-    slice.part = s->parts + low;
+    slice.part = s->parts + s->parts[low].head;
     slice.count = sbi_min_int(s->part_start[low + 1] - begin, SBI_ROW_CHUNK);
     slice.rows = s->part_rows ? s->part_rows + begin : NULL;
     slice.first = s->part_rows ? slice.rows[0] : begin;
@@ -188,6 +192,18 @@ static void sbi_pcg_spread_task(void *user, int chunk)
     s->partial[2 * (size_t)chunk] = 0;
     while (sbi_pcg_next_run(&slice, &first, &last))
         s->partial[2 * (size_t)chunk] += sbi_multigrid_spread(s->compact, s->x, first, last);
+}
+
+/* r.r */
+static void sbi_pcg_norm_task(void *user, int chunk)
+{
+    const sbi_pcg_state *s = (const sbi_pcg_state *)user;
+    sbi_pcg_slice slice = sbi_pcg_slice_of(s, chunk);
+    double sum = 0;
+    int first, last;
+    while (sbi_pcg_next_run(&slice, &first, &last))
+        sum += sbi_pcg_dot(s->r + 3 * (size_t)first, s->r + 3 * (size_t)first, 3 * (size_t)(last - first));
+    s->partial[2 * (size_t)chunk] = sum;
 }
 
 /* r = rhs - A x, r.r */
@@ -293,13 +309,29 @@ static void sbi_pcg_run(const sbi_pcg_state *s, sb_task task)
     sbi_run(s->jobs, task, &mine, sbi_pcg_chunks(s));
 }
 
-/* The sum over a part of the chunks' first (0) or second (1) partial sums, in order. */
+/* 1: the part is kept for itself, or for all that guests join with it. Others are 0 in all they have to reach. */
+static int sbi_pcg_is_head(const sbi_pcg_state *s, const sbi_pcg_part *part) { return part - s->parts == part->head; }
+
+/* The guest's share of a sum, if it belongs to the part. */
+static double sbi_pcg_guest_sum(const sbi_pcg_state *s, const sbi_pcg_part *part, int which)
+{
+    double sum = 0;
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        if (s->guests->work[g].part == part->head)
+            sum += s->guests->work[g].sums[which];
+    return sum;
+}
+
+/* The sum over a part of the chunks' first (0) or second (1) partial sums, in order, and that of its guests. */
 static double sbi_pcg_sum(const sbi_pcg_state *s, const sbi_pcg_part *part, int which)
 {
     double sum = 0;
-    for (int k = part->first_chunk; k < part[1].first_chunk; k++)
-        sum += s->partial[2 * (size_t)k + (size_t)which];
-    return sum;
+    if (!sbi_pcg_is_head(s, part))
+        return 0;
+    for (int c = part->head; c >= 0; c = s->parts[c].next)
+        for (int k = s->parts[c].first_chunk; k < s->parts[c + 1].first_chunk; k++)
+            sum += s->partial[2 * (size_t)k + (size_t)which];
+    return s->guests ? sum + sbi_pcg_guest_sum(s, part, which) : sum;
 }
 
 /* Runs a task that ends with r.r and takes it over, of parts that are at work or (all) of all. */
@@ -321,10 +353,10 @@ static double sbi_pcg_whole_square(const sbi_pcg_state *s)
 }
 
 /* The parts of the matrix, or all of it as one where the preconditioner couples them. */
-static void sbi_pcg_find_parts(sbi_pcg_state *s, const sb_preconditioner *preconditioner)
+static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
 {
     const sb_matrix *a = s->matrix;
-    int chunks = 0, joint = preconditioner && sbi_precond_couples_parts(preconditioner);
+    int chunks = 0;
     s->part_count = joint ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
@@ -335,6 +367,8 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, const sb_preconditioner *precon
         s->parts[c].first_chunk = chunks;
         s->parts[c].fresh = 1;
         s->parts[c].drift = -1;
+        s->parts[c].head = c;
+        s->parts[c].next = -1;
         chunks += sbi_row_chunks(s->part_start[c + 1] - s->part_start[c]);
     }
     s->parts[s->part_count].first_chunk = chunks;
@@ -344,20 +378,23 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, const sb_preconditioner *precon
 static void sbi_pcg_clear_idle(const sbi_pcg_state *s)
 {
     for (int c = 0; c < s->part_count; c++)
-        for (int k = s->part_start[c]; s->parts[c].rhs_square == 0 && k < s->part_start[c + 1]; k++)
+        for (int k = s->part_start[c]; s->parts[s->parts[c].head].rhs_square == 0 && k < s->part_start[c + 1]; k++)
             memset(s->x + 3 * (size_t)(s->part_rows ? s->part_rows[k] : k), 0, 3 * sizeof(sb_real));
 }
 
 /* Sum of r over the rows of a part, on its loose axes; its square. */
 static double sbi_pcg_drift_square(const sbi_pcg_state *s, const sbi_pcg_part *part)
 {
-    int c = (int)(part - s->parts);
     double sum[3] = {0, 0, 0}, square = 0;
-    for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++) {
-        size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
-        for (size_t axis = 0; axis < 3; axis++)
-            sum[axis] += (double)s->r[row + axis];
-    }
+    for (int c = part->head; c >= 0; c = s->parts[c].next)
+        for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++) {
+            size_t row = 3 * (size_t)(s->part_rows ? s->part_rows[k] : k);
+            for (size_t axis = 0; axis < 3; axis++)
+                sum[axis] += (double)s->r[row + axis];
+        }
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        if (s->guests->work[g].part == part->head)
+            sbi_guest_add_taken(s->guests->work + g, sum);
     for (int axis = 0; axis < 3; axis++)
         square += part->loose >> axis & 1 ? sum[axis] * sum[axis] : 0;
     return square;
@@ -394,7 +431,7 @@ static void sbi_pcg_set_targets(sbi_pcg_state *s, double tolerance, double rhs_s
 /* Subtracts the coarse space's part from the residual, as its deflation requires. Uses p and q. */
 static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
 {
-    if (!preconditioner ||
+    if (!preconditioner || s->guests ||
         !sbi_precond_coarse_solve(preconditioner, s->r, s->p, sqrt(sbi_pcg_whole_square(s))))
         return;
     s->compact = NULL; /* a preconditioner with a coarse space has none */
@@ -404,6 +441,25 @@ static void sbi_pcg_deflate(sbi_pcg_state *s, sb_preconditioner *preconditioner)
     }
     sbi_pcg_run(s, sbi_pcg_product_task);
     sbi_pcg_run_square(s, sbi_pcg_advance_task, 1);
+}
+
+static void sbi_pcg_direct_guests(const sbi_pcg_state *s)
+{
+    for (int g = 0; s->guests && g < s->guests->count; g++) {
+        sbi_guest_work *work = s->guests->work + g;
+        if (!work->done)
+            sbi_guest_direct(work, s->parts[work->part].factor, s->parts[work->part].fresh);
+    }
+}
+
+/* Also what is left for their own blocks, which is what their residual counts by. */
+static void sbi_pcg_advance_guests(const sbi_pcg_state *s)
+{
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        if (!s->guests->work[g].done)
+            sbi_guest_advance(s->guests->work + g, s->parts[s->guests->work[g].part].factor);
+    if (s->guests)
+        sbi_guest_measure(s->guests);
 }
 
 /* Takes the sums of r.z and q.z and sets what p goes on with. SB_ERROR_NOT_CONVERGED: with the preconditioner softened,
@@ -459,7 +515,20 @@ static int sbi_pcg_mark_done(sbi_pcg_state *s)
         part->done = part->done || part->stuck || sbi_pcg_meets(s, part, part->goal);
         all &= part->done;
     }
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        s->guests->work[g].done = s->parts[s->guests->work[g].part].done;
     return all;
+}
+
+/* z = M^-1 r */
+static void sbi_pcg_precondition(sbi_pcg_state *s, sb_preconditioner *preconditioner)
+{
+    if (s->guests)
+        sbi_guest_precondition(s->guests, preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
+    else if (preconditioner)
+        sbi_precond_apply(preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
+    else
+        memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
 }
 
 /* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
@@ -476,21 +545,25 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
             info->capped = 1;
             return SB_ERROR_NOT_CONVERGED;
         }
-        if (preconditioner)
-            sbi_precond_apply(preconditioner, s->r, s->z, sqrt(sbi_pcg_whole_square(s)));
-        else
-            memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+        sbi_pcg_precondition(s, preconditioner);
         sbi_pcg_run(s, sbi_pcg_dots_task);
+        for (int g = 0; s->guests && g < s->guests->count; g++)
+            if (!s->guests->work[g].done)
+                sbi_guest_dots(s->guests->work + g, s->parts[s->guests->work[g].part].fresh);
         result = sbi_pcg_turn(s, preconditioner);
         if (result == SB_ERROR_NOT_CONVERGED)
             continue;
         if (result != SB_OK)
             return result;
         sbi_pcg_run(s, sbi_pcg_direction_task);
+        sbi_pcg_direct_guests(s);
         sbi_pcg_run(s, sbi_pcg_product_task);
+        if (s->guests)
+            sbi_guest_multiply(s->guests, s->p, s->q);
         result = sbi_pcg_measure(s, info);
         if (result != SB_OK)
             return result;
+        sbi_pcg_advance_guests(s);
         sbi_pcg_run_square(s, sbi_pcg_advance_task, 0);
         if (!sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
             return SB_ERROR_DIVERGED;
@@ -499,12 +572,31 @@ static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditi
     return SB_OK;
 }
 
+static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
+{
+    for (int g = 0; g < s->guests->count; g++)
+        s->guests->work[g].done = 0;
+}
+
+/* r = rhs - A x, and the guests' rows at x. */
+static void sbi_pcg_guest_residual(sbi_pcg_state *s)
+{
+    sbi_pcg_wake_guests(s);
+    sbi_pcg_run(s, sbi_pcg_residual_task);
+    sbi_guest_residual(s->guests, s->x, s->x, s->r);
+    sbi_guest_measure(s->guests);
+    sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+}
+
 /* r = rhs - A x with the matrix itself, when the residual in r is of the compact one. */
 static void sbi_pcg_true_residual(sbi_pcg_state *s)
 {
     sbi_multigrid *compact = s->compact;
     s->compact = NULL;
-    sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
+    if (s->guests)
+        sbi_pcg_guest_residual(s);
+    else
+        sbi_pcg_run_square(s, sbi_pcg_residual_task, 1);
     s->compact = compact;
 }
 
@@ -527,6 +619,8 @@ static int sbi_pcg_is_sure(sbi_pcg_state *s)
         return 0;
     deviation = sbi_multigrid_deviation(s->compact);
     sbi_pcg_run(s, sbi_pcg_spread_task);
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        s->guests->work[g].sums[0] = 0; /* its product is its own */
     for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
         if (!part->stuck &&
             !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
@@ -588,10 +682,18 @@ static sbi_pcg_verdict sbi_pcg_judge(sbi_pcg_state *s, sb_result result)
     return verdict;
 }
 
+/* x, and guests' unknowns, as they were given. */
+static void sbi_pcg_go_back(const sbi_pcg_state *s)
+{
+    memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+    for (int g = 0; s->guests && g < s->guests->count; g++)
+        sbi_guest_go_back(s->guests->work + g);
+}
+
 /* Back to the start, without the compact matrix: it is none of this one. */
 static void sbi_pcg_restart(sbi_pcg_state *s)
 {
-    memcpy(s->x, s->start, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
+    sbi_pcg_go_back(s);
     sbi_pcg_clear_idle(s);
     sbi_pcg_true_residual(s);
     for (int c = 0; c < s->part_count; c++)
@@ -687,10 +789,15 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
 {
     const double rounding = 16 * (double)SB_EPSILON;
     for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
-        int c = (int)(part - s->parts), held = 0;
-        double rows = s->part_start[c + 1] - s->part_start[c], least = rounding * rounding * part->rhs_square;
-        for (int k = s->part_start[c]; k < s->part_start[c + 1] && held < SB_XYZ; k++)
-            held |= s->matrix->fixed[s->part_rows ? s->part_rows[k] : k];
+        int held = 0;
+        double rows = 0, least = rounding * rounding * part->rhs_square;
+        if (!sbi_pcg_is_head(s, part))
+            continue;
+        for (int c = part->head; c >= 0; c = s->parts[c].next) {
+            rows += s->part_start[c + 1] - s->part_start[c];
+            for (int k = s->part_start[c]; k < s->part_start[c + 1] && held < SB_XYZ; k++)
+                held |= s->matrix->fixed[s->part_rows ? s->part_rows[k] : k];
+        }
         part->loose = SB_XYZ & ~held;
         if (part->loose)
             part->drift = rows * (least > tolerance * tolerance * part->square ? least
@@ -709,21 +816,12 @@ static double sbi_pcg_relative(const sbi_pcg_state *s)
     return sqrt(worst);
 }
 
-static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                                   int current, sb_pcg_info *info)
+/* What every solve starts with. */
+static sbi_pcg_state sbi_pcg_make_state(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                        sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace)
 {
-    sb_pcg_options defaults = sb_default_pcg_options();
-    sb_pcg_info report;
     sbi_pcg_state state;
-    sb_result result;
-    double rhs_square, x_square, square;
-    size_t bytes;
-    options = options ? options : &defaults;
-    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
-        return SB_ERROR_ARGUMENT;
-    memset(&report, 0, sizeof report);
-    bytes = 3 * (size_t)matrix->row_count * sizeof(sb_real);
+    memset(&state, 0, sizeof state);
     state.matrix = matrix;
     state.rhs = rhs;
     state.x = x;
@@ -736,34 +834,56 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
     state.parts = (sbi_pcg_part *)workspace->parts;
     state.jobs = options->jobs;
     state.compact = preconditioner ? sbi_precond_compact(preconditioner) : NULL;
+    memcpy(workspace->start, x, 3 * (size_t)matrix->row_count * sizeof(sb_real));
+    return state;
+}
+
+/* SB_ERROR_DIVERGED puts the start back. */
+static sb_result sbi_pcg_finish(const sbi_pcg_state *s, sb_result result, sb_pcg_info *report, sb_pcg_info *info)
+{
+    if (result == SB_ERROR_DIVERGED) {
+        sbi_pcg_go_back(s);
+        report->residual_is_true = 0;
+    }
+    report->residual = sbi_pcg_relative(s);
+    if (info)
+        *info = *report;
+    return result;
+}
+
+static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
+                                   int current, sb_pcg_info *info)
+{
+    sb_pcg_options defaults = sb_default_pcg_options();
+    sb_pcg_info report;
+    sbi_pcg_state state;
+    sb_result result;
+    double rhs_square, x_square;
+    options = options ? options : &defaults;
+    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace))
+        return SB_ERROR_ARGUMENT;
+    memset(&report, 0, sizeof report);
+    report.residual_is_true = 1;
+    state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
     state.current = current;
-    sbi_pcg_find_parts(&state, preconditioner);
-    memcpy(workspace->start, x, bytes);
+    sbi_pcg_find_parts(&state, preconditioner && sbi_precond_couples_parts(preconditioner));
     sbi_pcg_begin_parts(&state, &rhs_square, &x_square);
     if (rhs_square > 0 && x_square == 0) { /* no product needed */
-        memcpy(state.r, rhs, bytes);
+        memcpy(state.r, rhs, 3 * (size_t)matrix->row_count * sizeof(sb_real));
         for (int c = 0; c < state.part_count; c++)
             state.parts[c].square = state.parts[c].rhs_square;
     } else if (rhs_square > 0) {
         sbi_pcg_first_residual(&state);
     }
-    report.residual_is_true = 1;
-    square = sbi_pcg_whole_square(&state);
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
     if (current && x_square > 0)
         sbi_pcg_set_drifts(&state, options->tolerance);
-    if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(square))
+    if (!sbi_pcg_is_finite(rhs_square) || !sbi_pcg_is_finite(sbi_pcg_whole_square(&state)))
         result = SB_ERROR_DIVERGED;
     else
         result = sbi_pcg_refine(&state, preconditioner, options, &report);
-    if (result == SB_ERROR_DIVERGED) {
-        memcpy(x, workspace->start, bytes);
-        report.residual_is_true = 0;
-    }
-    report.residual = sbi_pcg_relative(&state);
-    if (info)
-        *info = report;
-    return result;
+    return sbi_pcg_finish(&state, result, &report, info);
 }
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
@@ -778,4 +898,265 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
                                         sb_pcg_info *info)
 {
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 1, info);
+}
+
+/* ---- guests -------------------------------------------------------------------------------------------- */
+
+/* Behind sb_pcg_workspace.guests. A guest without nodes has a part of its own, behind those of the matrix. */
+typedef struct sbi_pcg_guest_space {
+    sbi_guest_space space;
+    sbi_pcg_part *parts; /* [most parts + guests + 1] */
+    int *part_start;     /* [most parts + guests + 1] */
+    int *part_of;        /* [row_count] */
+} sbi_pcg_guest_space;
+
+static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
+                                                   sbi_pcg_guest_space *fresh)
+{
+    int rows = matrix->row_count;
+    size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
+    sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
+    g = arena->base ? g : fresh;
+    memset(g, 0, sizeof *g);
+    g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
+    g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
+    g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    sbi_guest_space_layout(&g->space, guests, matrix, arena);
+    return g;
+}
+
+SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
+                                         sb_error *error)
+{
+    int rows = workspace->row_count;
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_pcg_guest_space measured;
+    unsigned char *memory = (unsigned char *)workspace->guests;
+    sb_result result;
+    if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
+    sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
+    if (arena.overflow || arena.used > workspace->guest_bytes)
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
+    /* the marks lie in the same place whatever the guests are */
+    result = sbi_guests_check(guests, rows, (int *)(void *)(memory + ((sizeof measured + 63) & ~(size_t)63)), error);
+    if (result != SB_OK) {
+        if (memory != workspace->guests)
+            sbi_free(&workspace->allocator, memory);
+        return result;
+    }
+    if (memory != workspace->guests) {
+        sbi_free(&workspace->allocator, workspace->guests);
+        workspace->guests = memory;
+        workspace->guest_bytes = arena.used;
+    }
+    arena.base = memory;
+    arena.used = 0;
+    sbi_pcg_lay_out_guests(guests, matrix, &arena, NULL);
+    return SB_OK;
+}
+
+/* 1 when space was reserved for these. */
+static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests *guests)
+{
+    const sbi_pcg_guest_space *g = (const sbi_pcg_guest_space *)workspace->guests;
+    if (!g || g->space.count != guests->count || !sbi_guests_have_sizes(guests, workspace->row_count))
+        return 0;
+    for (int k = 0; k < guests->count; k++) {
+        const sbi_guest_work *work = g->space.work + k;
+        if (work->guest != guests->list[k] ||
+            work->size != (size_t)work->guest->unknown_count + 3 * (size_t)work->guest->taken_count ||
+            work->width != (size_t)work->guest->unknown_count + 3 * (size_t)work->guest->node_count)
+            return 0;
+    }
+    return 1;
+}
+
+SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditioner, sb_matrix *matrix,
+                                                const sb_vec3 *positions, const sbi_guests *guests,
+                                                sb_pcg_workspace *workspace, sb_error *error)
+{
+    sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)workspace->guests;
+    sb_result result;
+    if (guests->count == 0)
+        return sb_preconditioner_update(preconditioner, matrix, positions, error);
+    if (!sbi_pcg_has_room(workspace, guests) || sbi_guests_taken_blocks(guests, matrix) > g->space.kept_room)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no space was reserved for the guests of a solve");
+    sbi_guest_remove_taken(&g->space, matrix);
+    result = sb_preconditioner_update(preconditioner, matrix, positions, error);
+    sbi_guest_restore_taken(&g->space, matrix);
+    return result;
+}
+
+/* Joins the parts with the heads a and b; the first of them is then the head of both. */
+static int sbi_pcg_join(sbi_pcg_state *s, int a, int b)
+{
+    int head = sbi_min_int(a, b), other = sbi_max_int(a, b), last = head;
+    if (a == b)
+        return a;
+    while (s->parts[last].next >= 0)
+        last = s->parts[last].next;
+    s->parts[last].next = other;
+    for (int c = other; c >= 0; c = s->parts[c].next)
+        s->parts[c].head = head;
+    return head;
+}
+
+/* The part of each guest, and parts that it lies in joined. The order in which they are chained is a function of the
+ * guests alone. */
+static void sbi_pcg_place_guests(sbi_pcg_state *s, sbi_pcg_guest_space *g)
+{
+    for (int c = 0; c < s->part_count; c++)
+        for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++)
+            g->part_of[s->part_rows ? s->part_rows[k] : k] = c;
+    for (int k = 0; k < g->space.count; k++) {
+        sbi_guest_work *work = g->space.work + k;
+        int head = -1;
+        for (int n = 0; n < work->guest->node_count; n++) {
+            int part = s->parts[g->part_of[work->guest->nodes[n]]].head;
+            head = head < 0 ? part : sbi_pcg_join(s, head, part);
+        }
+        work->part = head;
+    }
+    for (int k = 0; k < g->space.count; k++)
+        if (g->space.work[k].part >= 0)
+            g->space.work[k].part = s->parts[g->space.work[k].part].head;
+}
+
+/* Parts of the matrix as those of a solve with guests. */
+static void sbi_pcg_find_guest_parts(sbi_pcg_state *s, sbi_pcg_guest_space *g, int joint)
+{
+    int chunks, rows = s->matrix->row_count;
+    s->parts = g->parts;
+    sbi_pcg_find_parts(s, joint);
+    memcpy(g->part_start, s->part_start, ((size_t)s->part_count + 1) * sizeof(int));
+    s->part_start = g->part_start;
+    sbi_pcg_place_guests(s, g);
+    chunks = s->parts[s->part_count].first_chunk;
+    for (int k = 0; k < g->space.count; k++) {
+        sbi_pcg_part *part = s->parts + s->part_count;
+        if (g->space.work[k].part >= 0)
+            continue;
+        *part = s->parts[0];
+        part->first_chunk = chunks;
+        part->head = g->space.work[k].part = s->part_count++;
+        part->next = -1;
+        g->part_start[s->part_count] = rows;
+        s->parts[s->part_count].first_chunk = chunks;
+    }
+}
+
+/* The sizes that tolerances are relative to; 1: there is nothing to start from. Uses r and p. */
+static int sbi_pcg_begin_guests(sbi_pcg_state *s)
+{
+    const double rounding = 16 * (double)SB_EPSILON;
+    size_t count = 3 * (size_t)s->matrix->row_count;
+    int idle = 1;
+    memcpy(s->r, s->rhs, count * sizeof(sb_real));
+    sbi_pcg_wake_guests(s);
+    sbi_guest_residual(s->guests, NULL, s->x, s->r);
+    sbi_guest_measure(s->guests);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        part->before = sbi_pcg_is_head(s, part) ? sbi_pcg_guest_sum(s, part, 0) : 0;
+    sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
+        part->rhs_square = part->square;
+    sbi_pcg_clear_idle(s);
+    for (size_t k = 0; k < count && idle; k++)
+        idle = s->x[k] == 0;
+    for (int g = 0; g < s->guests->count; g++) {
+        const sbi_guest_work *work = s->guests->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++) {
+            if (s->parts[work->part].rhs_square == 0)
+                work->guest->unknown[k] = 0;
+            idle &= work->guest->unknown[k] == 0;
+        }
+    }
+    sbi_guest_guess(s->guests, idle ? s->x : NULL, s->r, s->p);
+    sbi_guest_measure(s->guests);
+    sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        double least = rounding * rounding * part->before;
+        if (part->rhs_square != 0)
+            part->rhs_square = part->square < least ? least : part->square; /* also a NaN */
+    }
+    return idle;
+}
+
+/* The residual at x and unknowns that the guests' own blocks have made better. */
+static void sbi_pcg_guess_guests(sbi_pcg_state *s)
+{
+    sbi_pcg_guest_residual(s);
+    sbi_guest_guess(s->guests, s->x, s->r, s->p);
+    sbi_guest_measure(s->guests);
+    sbi_pcg_run_square(s, sbi_pcg_norm_task, 1);
+}
+
+/* After guests have changed their rows. */
+static void sbi_pcg_go_on(sbi_pcg_state *s, int trials)
+{
+    for (sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++) {
+        part->stuck = 0;
+        part->fresh = 1;
+        part->target *= trials == 3 ? 0.01 : 1;
+    }
+    sbi_pcg_guess_guests(s);
+}
+
+/* Solves, and again while guests change their rows. */
+static sb_result sbi_pcg_settle(sbi_pcg_state *s, sb_preconditioner *preconditioner, const sb_pcg_options *options,
+                                sb_pcg_info *info)
+{
+    for (int trials = 1;; trials++) {
+        sb_result result = SB_ERROR_DIVERGED;
+        if (sbi_pcg_is_finite(sbi_pcg_whole_square(s)))
+            result = sbi_pcg_refine(s, preconditioner, options, info);
+        if ((result != SB_OK && result != SB_ERROR_NOT_CONVERGED) || info->capped || !sbi_guest_settle(s->guests, s->x))
+            return result;
+        sbi_pcg_go_on(s, trials);
+    }
+}
+
+SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                       sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
+                                       sb_pcg_workspace *workspace, sb_pcg_info *info)
+{
+    sb_pcg_options defaults = sb_default_pcg_options();
+    sb_pcg_info report;
+    sbi_pcg_state state;
+    sbi_pcg_guest_space *g;
+    sb_result result;
+    double rhs_square = 0;
+    int idle;
+    options = options ? options : &defaults;
+    if (!guests || guests->count == 0)
+        return sbi_pcg_solve_current(matrix, preconditioner, rhs, x, options, workspace, info);
+    if (!sbi_pcg_valid(matrix, preconditioner, rhs, x, options, workspace) || !sbi_pcg_has_room(workspace, guests))
+        return SB_ERROR_ARGUMENT;
+    memset(&report, 0, sizeof report);
+    report.residual_is_true = 1;
+    state = sbi_pcg_make_state(matrix, preconditioner, rhs, x, options, workspace);
+    state.current = 1;
+    g = (sbi_pcg_guest_space *)workspace->guests;
+    state.guests = &g->space;
+    if (g->space.kept_room > 0)
+        state.compact = NULL;
+    g->space.matrix = matrix;
+    g->space.scale = (double)sbi_matrix_diagonal_scale(matrix, matrix->fixed, options->jobs);
+    for (int k = 0; k < g->space.count; k++)
+        sbi_guest_keep_start(g->space.work + k);
+    sbi_pcg_find_guest_parts(&state, g, preconditioner && sbi_precond_couples_parts(preconditioner));
+    sbi_guest_hold(&g->space, rhs, x);
+    idle = sbi_pcg_begin_guests(&state);
+    for (int c = 0; c < state.part_count; c++)
+        rhs_square += state.parts[c].rhs_square;
+    if (!idle)
+        sbi_pcg_guess_guests(&state);
+    sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
+    if (!idle)
+        sbi_pcg_set_drifts(&state, options->tolerance);
+    result = sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
+    return sbi_pcg_finish(&state, result, &report, info);
 }

@@ -2,6 +2,7 @@
 #ifndef SB_PCG_H
 #define SB_PCG_H
 
+#include "guest.h"
 #include "precond.h"
 
 typedef struct sb_pcg_options {
@@ -26,6 +27,8 @@ typedef struct sb_pcg_workspace {
     double *partial;                                          /* [chunks][2] sums of each chunk of rows */
     void *parts;                                              /* what is kept of each connected part */
     void *memory;
+    void *guests; /* internal: what is kept of those that are solved together with the matrix; NULL: there were none */
+    size_t guest_bytes;
     sb_allocator allocator;
 } sb_pcg_workspace;
 
@@ -81,6 +84,31 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
+
+/* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be called
+ * whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT, SB_ERROR_INDEX
+ * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
+                                         sb_error *error);
+/* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
+ * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
+ * SB_ERROR_ARGUMENT: no space was reserved for them. */
+SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditioner, sb_matrix *matrix,
+                                                const sb_vec3 *positions, const sbi_guests *guests,
+                                                sb_pcg_workspace *workspace, sb_error *error);
+/* Solves (A + G) x = b as sbi_pcg_solve_current does, with guests that space was reserved for and a preconditioner of
+ * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
+ * after the other, so that bits do not depend on threads. Allocates nothing.
+ * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
+ * guests' own blocks are solved from rest, so that loads on what is stiff in itself do not count; and their rows count by
+ * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
+ * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
+ * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
+ * SB_ERROR_DIVERGED: unknowns of guests are those of the start, too. A matrix in 32 bits that multigrid has is not used
+ * when nodes are taken, since it is without them. */
+SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
+                                       sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
+                                       sb_pcg_workspace *workspace, sb_pcg_info *info);
 #endif
 
 #endif /* SB_PCG_H */

@@ -205,6 +205,15 @@ static sbi_precond_job sbi_precond_make_job(sb_preconditioner *p, const sb_real 
     return job;
 }
 
+/* result = S r, in full precision with a complete factor */
+static void sbi_precond_smooth_any(sb_preconditioner *p, const sbi_precond_job *job)
+{
+    if (p->kind == SB_PRECOND_CHOLESKY)
+        sbi_precond_solve_exact(p, job->r, (sb_real)job->scale);
+    else
+        sbi_precond_smooth(p, job);
+}
+
 SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
@@ -216,10 +225,7 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_multigrid_apply(p->multigrid, r, (sb_real)job.scale, z, (sb_real)(p->matrix_scale / job.scale));
         return;
     }
-    if (p->kind == SB_PRECOND_CHOLESKY)
-        sbi_precond_solve_exact(p, r, (sb_real)job.scale);
-    else
-        sbi_precond_smooth(p, &job);
+    sbi_precond_smooth_any(p, &job);
     job.with_result = 1;
     if (p->coarse.ready)
         sbi_precond_correct(&job);
@@ -227,6 +233,20 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_precond_write_exact(p, z, job.scale);
     else
         sbi_precond_run(&job, sbi_precond_write_task);
+}
+
+SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r, sb_real *z, double size, sb_real *spare)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size), smooth = job;
+    if (!p->coarse.ready) {
+        sbi_precond_apply(p, r, z, size);
+        return;
+    }
+    sbi_precond_project(&job, spare);
+    smooth.r = spare;
+    sbi_precond_smooth_any(p, &smooth);
+    job.with_result = 1;
+    sbi_precond_correct(&job);
 }
 
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)

@@ -165,6 +165,10 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 /* As sb_preconditioner_apply when |r| is known (any value of the magnitude of r's entries, not 0): r is
  * brought near 1 before it is rounded to single precision, so that tiny residuals do not vanish. */
 SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+/* The same for any r: symmetric also where the coarse space's part of r is not 0, at the price of a second visit to the
+ * coarse space. spare [row_count][3] is for scratch. */
+SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
+                                         sb_real *spare);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
                                      double size);

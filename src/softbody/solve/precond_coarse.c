@@ -470,6 +470,34 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
+/* to -= A Z solution. Pieces share nodes, so that this is one thread's; it reads what one task of the restriction does. */
+static void sbi_precond_subtract_coupling(const sbi_precond_job *job, sb_real *to)
+{
+    const sbi_precond_coarse *c = &job->p->coarse;
+    double back = 1 / job->scale;
+    for (int piece = 0; piece < c->piece_count; piece++) {
+        const double *s = c->solution + 6 * piece;
+        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
+            const float *rows = c->coupling + 24 * (size_t)e;
+            sb_real *out = to + 3 * (size_t)c->entry_node[e];
+            for (int r = 0; r < 3; r++, rows += 4) {
+                double shift = (double)rows[0] * s[0] + (double)rows[1] * s[1] + (double)rows[2] * s[2];
+                double turn = (double)rows[12] * s[3] + (double)rows[13] * s[4] + (double)rows[14] * s[5];
+                out[r] -= (sb_real)((shift + turn) * back);
+            }
+        }
+    }
+}
+
+SBI_API void sbi_precond_project(const sbi_precond_job *job, sb_real *to)
+{
+    sbi_precond_job mine = *job;
+    sbi_run(&job->p->jobs, sbi_precond_restrict_task, &mine, job->p->coarse.piece_count);
+    sbi_precond_solve_coarse(&job->p->coarse);
+    memcpy(to, job->r, 3 * (size_t)job->p->row_count * sizeof(sb_real));
+    sbi_precond_subtract_coupling(job, to);
+}
+
 #undef SBI_F4
 #undef SBI_HAS_FLOAT4
 #undef SBI_HAS_SHUFFLE

@@ -174,5 +174,7 @@ SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a,
                                        const sbi_precond_beside *beside);
 /* z = result + Z (Z^T A Z)^-1 Z^T (r - A result), or of r alone, in the units of r and z */
 SBI_API void sbi_precond_correct(const sbi_precond_job *job);
+/* to = r - A Z (Z^T A Z)^-1 Z^T r */
+SBI_API void sbi_precond_project(const sbi_precond_job *job, sb_real *to);
 
 #endif /* SB_PRECOND_PRIVATE_H */

@@ -1,0 +1,628 @@
+/* live_build: the body with its next mesh, made beside the present one, and what is carried over to it.
+ *
+ * All that may fail happens on a body of its own, so that the present one is as it was until the last moment. */
+#include "live_private.h"
+
+#include <string.h>
+
+/* ---- a mesh in slots ---- */
+
+static void sbi_live_mesh_layout(const sb_body *body, sbi_live_mesh *mesh, sbi_arena *arena)
+{
+    size_t nodes = (size_t)mesh->nodes.end, cells = (size_t)mesh->cells.end;
+    mesh->positions = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
+    if (body->fibres)
+        mesh->fibres = (sb_vec3 *)sbi_arena_take(arena, cells, sizeof(sb_vec3));
+    mesh->shares = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
+    mesh->corners = (int *)sbi_arena_take(arena, cells, (size_t)body->domain.nodes_per_cell * sizeof(int));
+    mesh->material = (int *)sbi_arena_take(arena, cells, sizeof(int));
+    mesh->inherit = (int *)sbi_arena_take(arena, cells, sizeof(int));
+    mesh->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
+}
+
+/* The arrays of a mesh whose slots are there. */
+static sb_result sbi_live_mesh_take(const sb_body *body, sbi_live_mesh *mesh, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_live_mesh_layout(body, mesh, &arena);
+    mesh->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
+    if (!mesh->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", mesh->nodes.end);
+    arena.base = (unsigned char *)mesh->memory;
+    arena.used = 0;
+    sbi_live_mesh_layout(body, mesh, &arena);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                         sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_slots_copy(&mesh->nodes, nodes, 0, &body->allocator) ||
+        !sbi_slots_copy(&mesh->cells, cells, 0, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
+}
+
+/* Slots with these counts, and as much room as others have. */
+static int sbi_live_slots_like(sbi_slots *slots, const sbi_slots *counts, const sbi_slots *others,
+                               const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(slots, sbi_max_int(counts->fresh, others->capacity), 0, allocator))
+        return 0;
+    slots->end = counts->end;
+    slots->fresh = counts->fresh;
+    slots->count = counts->count;
+    memset(slots->stack, 0, (size_t)slots->count * sizeof(int));
+    return 1;
+}
+
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error)
+{
+    memset(mesh, 0, sizeof *mesh);
+    if (!sbi_live_slots_like(&mesh->nodes, nodes, &body->live->nodes, &body->allocator) ||
+        !sbi_live_slots_like(&mesh->cells, cells, &body->live->cells, &body->allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", nodes->end);
+    return sbi_live_mesh_take(body, mesh, error);
+}
+
+SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh)
+{
+    sbi_slots_free(&mesh->nodes, &body->allocator);
+    sbi_slots_free(&mesh->cells, &body->allocator);
+    sbi_free(&body->allocator, mesh->memory);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh)
+{
+    size_t n = (size_t)body->domain.nodes_per_cell;
+    int nodes = sbi_min_int(mesh->nodes.end, body->domain.node_count);
+    int cells = sbi_min_int(mesh->cells.end, body->domain.cell_count);
+    memcpy(mesh->positions, body->reference, (size_t)nodes * sizeof(sb_vec3));
+    for (int i = 0; i < nodes; i++)
+        if (!mesh->nodes.used[i])
+            mesh->positions[i] = sb_v3(0, 0, 0);
+    memcpy(mesh->corners, body->domain.cells, (size_t)cells * n * sizeof(int));
+    memcpy(mesh->material, body->cell_material, (size_t)cells * sizeof(int));
+    memcpy(mesh->shares, body->live->shares, (size_t)cells * sizeof(sb_real));
+    if (mesh->fibres)
+        memcpy(mesh->fibres, body->fibres, (size_t)cells * sizeof(sb_vec3));
+    for (int e = 0; e < mesh->cells.end; e++) {
+        mesh->kept[e] = e < cells && mesh->shares[e] > 0;
+        mesh->inherit[e] = mesh->kept[e] ? e : -1;
+        if (!mesh->kept[e])
+            mesh->material[e] = 0;
+    }
+}
+
+/* ---- the next body ---- */
+
+static sb_result sbi_live_no_memory(sb_error *error, int nodes)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a changed mesh of %d nodes", nodes);
+}
+
+/* Materials, slots and cells of the next body. */
+static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    size_t materials = (size_t)body->material_count, cells = (size_t)mesh->cells.end;
+    size_t n = (size_t)body->domain.nodes_per_cell, q = (size_t)body->domain.points_per_cell;
+    sb_domain *domain = &next->domain;
+    sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    next->live = live;
+    *domain = body->domain;
+    domain->allocator = *allocator;
+    domain->cell_mass = NULL;
+    domain->node_count = mesh->nodes.end;
+    domain->cell_count = mesh->cells.end;
+    domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
+    domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
+    domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
+    next->material_regions = (int *)sbi_alloc(allocator, materials, sizeof(int));
+    next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
+    next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
+    if (mesh->fibres)
+        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+    if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
+        !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
+        !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
+        !sbi_slots_copy(&live->cells, &mesh->cells, 0, allocator))
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
+    if (!live->shares)
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    live->rule = body->live->rule;
+    live->version = body->live->version + 1;
+    next->node_capacity = live->nodes.capacity;
+    next->material_count = body->material_count;
+    memcpy(next->material_regions, body->material_regions, materials * sizeof(int));
+    memcpy(next->materials, body->materials, materials * sizeof(sb_material));
+    memcpy(next->cell_material, mesh->material, cells * sizeof(int));
+    memcpy(live->shares, mesh->shares, cells * sizeof(sb_real));
+    memcpy(domain->cells, mesh->corners, cells * n * sizeof(int));
+    if (mesh->fibres)
+        memcpy(next->fibres, mesh->fibres, cells * sizeof(sb_vec3));
+    return sbi_domain_fill(domain, live->rule, mesh->positions, mesh->shares, error);
+}
+
+/* Part of each cell in its slot, -1 where it is free, from those of the cells in use. */
+static int sbi_live_spread_parts(sb_body *next, const int *used)
+{
+    int *parts = next->element_component.items, cells = next->domain.cell_count;
+    int *spread = (int *)sbi_alloc(&next->allocator, (size_t)cells, sizeof(int));
+    if (!spread)
+        return 0;
+    for (int e = 0; e < cells; e++)
+        spread[e] = -1;
+    for (int k = 0; k < next->element_component.rows; k++)
+        spread[used[k]] = parts[k];
+    sbi_free(&next->allocator, parts);
+    next->element_component.items = spread;
+    next->element_component.rows = cells;
+    return 1;
+}
+
+/* Cells of each node and parts, in the numbers of the slots, made of the cells in use. */
+static sb_result sbi_live_make_lists(const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    sb_mesh view = sbi_body_mesh_view(next);
+    int n = next->domain.nodes_per_cell, count = 0, *used;
+    sb_result result;
+    used = (int *)sbi_alloc(&next->allocator, (size_t)next->domain.cell_count, (size_t)(n + 1) * sizeof(int));
+    if (!used)
+        return sbi_live_no_memory(error, view.node_count);
+    view.nodes = mesh->positions;
+    view.elements = used + next->domain.cell_count;
+    for (int e = 0; e < next->domain.cell_count; e++)
+        if (next->live->shares[e] > 0) {
+            memcpy(view.elements + (size_t)count * (size_t)n, next->domain.cells + (size_t)e * (size_t)n,
+                   (size_t)n * sizeof(int));
+            used[count++] = e;
+        }
+    view.element_count = count;
+    result = sb_mesh_node_elements(&view, &next->allocator, &next->node_elements, error);
+    for (int k = 0; result == SB_OK && k < next->node_elements.offsets[view.node_count]; k++)
+        next->node_elements.items[k] = used[next->node_elements.items[k]];
+    if (result == SB_OK)
+        result = sb_mesh_components(&view, &next->allocator, &next->element_component, &next->component_count, error);
+    if (result == SB_OK && !sbi_live_spread_parts(next, used))
+        result = sbi_live_no_memory(error, view.node_count);
+    sbi_free(&next->allocator, used);
+    return result;
+}
+
+/* Matrix, arrays, preconditioner and the rest that a body at rest has. */
+static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next, sb_error *error)
+{
+    const sb_domain *domain = &next->domain;
+    sb_result result = sbi_live_make_lists(mesh, next, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &next->allocator, &next->matrix, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(next, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(next, error);
+    if (result != SB_OK)
+        return result;
+    memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(next);
+    result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(next, error);
+    if (result == SB_OK && body->assembly.terms)
+        result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
+    if (result == SB_OK && body->damping_blocks)
+        result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
+    if (result != SB_OK)
+        return result;
+    next->assembly.fibres = next->fibres;
+    next->assembly.unknots = body->assembly.unknots;
+    sbi_body_materials_changed(next);
+    sb_body_reset(next);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error)
+{
+    sb_body *made = (sb_body *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
+    sb_result result;
+    if (!made)
+        return sbi_live_no_memory(error, mesh->nodes.end);
+    made->allocator = body->allocator;
+    made->jobs = body->jobs;
+    made->clock = body->clock;
+    made->mass_kind = body->mass_kind;
+    made->integrator = body->integrator;
+    made->gravity = body->gravity;
+    made->damping_mass = body->damping_mass;
+    made->damping_stiffness = body->damping_stiffness;
+    made->tolerance = body->tolerance;
+    made->newton_tolerance = body->newton_tolerance;
+    made->max_iterations = body->max_iterations;
+    made->max_newton = body->max_newton;
+    made->spectral_radius = body->spectral_radius;
+    made->max_substeps = body->max_substeps;
+    result = sbi_live_copy_make(body, mesh, made, error);
+    if (result == SB_OK)
+        result = sbi_live_make_rest(body, mesh, made, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *next = made;
+    return SB_OK;
+}
+
+/* ---- motion, supports, dead loads ---- */
+
+/* What has a value for each node that goes on from step to step. */
+enum { SBI_LIVE_CARRIED = 8 };
+static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
+{
+    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
+                                       body->dead_load, body->equilibrated, body->external, body->reaction};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* The weighted sum of the sources of made node `index`. */
+static sb_vec3 sbi_live_interpolate(const sbi_mesh_change *change, int index, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), first = values[change->sources[change->source_start[index]]];
+    /* from the first source, so that what is the same for all stays the same to the last bit */
+    for (int k = change->source_start[index] + 1; k < change->source_start[index + 1]; k++)
+        sum = sb_v3_madd(sum, change->source_weights[k], sb_v3_sub(values[change->sources[k]], first));
+    return sb_v3_add(first, sum);
+}
+
+/* A node made: motion of its sources, and their supports unless it is a copy. */
+static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+{
+    int node = change->made_nodes[index], first = change->source_start[index], end = change->source_start[index + 1];
+    unsigned axes = change->made_copies[index] ? 0 : SB_XYZ;
+    for (int k = first; k < end; k++) /* nodes without a cell are held for another reason */
+        axes &= body->node_component[change->sources[k]] < 0 ? 0u : (unsigned)body->fixed[change->sources[k]];
+    next->displacement[node] = sbi_live_interpolate(change, index, body->displacement);
+    next->velocity[node] = sbi_live_interpolate(change, index, body->velocity);
+    next->acceleration[node] = sbi_live_interpolate(change, index, body->acceleration);
+    next->target[node] = axes ? sbi_live_interpolate(change, index, body->target) : sb_v3(0, 0, 0);
+    next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+}
+
+/* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
+static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
+{
+    sb_vec3 *from[SBI_LIVE_CARRIED], *to[SBI_LIVE_CARRIED];
+    int both = sbi_min_int(body->domain.node_count, next->domain.node_count);
+    sbi_live_list_carried(body, from);
+    sbi_live_list_carried(next, to);
+    for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+        memcpy(to[k], from[k], (size_t)both * sizeof(sb_vec3));
+    for (int i = 0; i < both; i++)
+        if (next->node_component[i] >= 0)
+            next->fixed[i] = (unsigned char)(body->node_component[i] >= 0 ? body->fixed[i] : 0);
+    for (int i = 0; i < change->removed_node_count; i++)
+        for (int k = 0; k < SBI_LIVE_CARRIED && change->removed_nodes[i] < next->domain.node_count; k++)
+            to[k][change->removed_nodes[i]] = sb_v3(0, 0, 0);
+    for (int i = 0; i < change->made_node_count; i++)
+        for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+            to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
+    for (int i = 0; i < change->made_node_count; i++)
+        sbi_live_carry_made(body, change, i, next);
+    for (int i = 0; i < change->removed_node_count; i++)
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
+            sb_vec3 force = body->dead_load[change->removed_nodes[i]];
+            sb_vec3 *load = next->dead_load + change->heirs[k];
+            if (force.x != 0 || force.y != 0 || force.z != 0)
+                *load = sb_v3_madd(*load, change->heir_weights[k], force);
+        }
+    sbi_body_update_positions(next);
+}
+
+/* Rotations and memory by cell. */
+static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh, sb_body *next)
+{
+    for (int e = 0; e < mesh->cells.end; e++)
+        if (mesh->inherit[e] >= 0)
+            sbi_assembly_copy_cell(&next->assembly, e, &body->assembly, mesh->inherit[e]);
+        else if (mesh->shares[e] > 0)
+            sbi_assembly_forget_cell(&next->assembly, e, next->displacement);
+    sbi_assembly_begin_step(&next->assembly, 0);
+}
+
+/* ---- momentum ---- */
+
+/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
+typedef struct sbi_live_moment {
+    double mass, linear[3], angular[3], linear_size, angular_size;
+} sbi_live_moment;
+
+static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+{
+    const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
+    const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
+    double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    sum->mass += m;
+    sum->linear_size += size;
+    sum->angular_size += size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] += p[i];
+        sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+    }
+}
+
+/* Adds the lumped mass of a cell. */
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell;
+    const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    for (int a = 0; a < n; a++)
+        x[a] = body->reference[cell[a]];
+    sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
+    for (int a = 0; a < n; a++)
+        sbi_live_add_mass(sum, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
+                          v[cell[a]]);
+}
+
+static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
+{
+    sum->linear_size *= factor;
+    sum->angular_size *= factor;
+    for (int i = 0; i < 3; i++) {
+        sum->linear[i] *= factor;
+        sum->angular[i] *= factor;
+    }
+}
+
+/* 1 when a made cell has the parent. */
+static int sbi_live_has_child(const sbi_mesh_change *change, int cell)
+{
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] == cell)
+            return 1;
+    return 0;
+}
+
+/* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
+ * that have children, by mass. */
+static sbi_live_moment sbi_live_wanted(const sb_body *body, const sbi_mesh_change *change, double made, sb_vec3 about,
+                                       const sb_vec3 *v)
+{
+    sbi_live_moment all, parents;
+    memset(&all, 0, sizeof all);
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, v, &all);
+    parents = all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        sbi_live_add_cell(body, change->removed_cells[i], about, v, &all);
+    if (fabs(made - all.mass) <= 1e5 * (double)SB_EPSILON * all.mass)
+        return all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        if (sbi_live_has_child(change, change->removed_cells[i]))
+            sbi_live_add_cell(body, change->removed_cells[i], about, v, &parents);
+    if (parents.mass > 0)
+        sbi_live_scale_moment(&parents, made / parents.mass);
+    return parents;
+}
+
+/* Solves the symmetric 3x3 system a x = b by Cramer's rule; 0 when a is nearly singular. */
+static int sbi_live_solve3(const double a[3][3], const double b[3], double x[3])
+{
+    double cofactor[3][3], trace = a[0][0] + a[1][1] + a[2][2], det;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            cofactor[i][j] = a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3] -
+                             a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3];
+    det = a[0][0] * cofactor[0][0] + a[0][1] * cofactor[0][1] + a[0][2] * cofactor[0][2];
+    if (!(det > 1e-9 * trace * trace * trace))
+        return 0;
+    for (int i = 0; i < 3; i++)
+        x[i] = (cofactor[0][i] * b[0] + cofactor[1][i] * b[1] + cofactor[2][i] * b[2]) / det;
+    return 1;
+}
+
+/* Calls `visit` for each free node of the cells that changed shape, once; body->residual is scratch for marks. */
+typedef void sbi_live_visit(sb_body *next, int node, void *user);
+static void sbi_live_visit_nodes(sb_body *next, const sbi_mesh_change *change, sbi_live_visit *visit, void *user)
+{
+    int n = change->nodes_per_cell, made = change->made_cell_count;
+    for (int pass = 0; pass < 2; pass++) /* clear marks, then visit */
+        for (int i = 0; i < made + change->reshaped_cell_count; i++) {
+            int e = i < made ? change->made_cells[i] : change->reshaped_cells[i - made];
+            const int *cell = next->domain.cells + (size_t)e * (size_t)n;
+            for (int a = 0; a < n && (i >= made || change->made_parents[i] >= 0); a++) {
+                if (pass == 0) {
+                    next->residual[cell[a]].x = 0;
+                } else if (next->residual[cell[a]].x == 0 && !sbi_body_held(next, cell[a])) {
+                    next->residual[cell[a]].x = 1;
+                    visit(next, cell[a], user);
+                }
+            }
+        }
+}
+
+/* Mass, centre and inertia of free nodes, and the rigid velocity that is to be added to theirs. */
+typedef struct sbi_live_rigid {
+    sb_vec3 about;
+    sb_vec3 *values;
+    double mass, first[3], second[3][3], velocity[3], spin[3];
+} sbi_live_rigid;
+
+static void sbi_live_sum_node(sb_body *next, int node, void *user)
+{
+    sbi_live_rigid *rigid = (sbi_live_rigid *)user;
+    double m = (double)next->lumped_mass[node];
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about);
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z};
+    rigid->mass += m;
+    for (int i = 0; i < 3; i++) {
+        rigid->first[i] += m * r[i];
+        for (int j = 0; j < 3; j++)
+            rigid->second[i][j] += m * r[i] * r[j];
+    }
+}
+
+static void sbi_live_push_node(sb_body *next, int node, void *user)
+{
+    const sbi_live_rigid *rigid = (const sbi_live_rigid *)user;
+    sb_vec3 x = sb_v3_sub(next->position[node], rigid->about), *v = rigid->values + node;
+    const double r[3] = {(double)x.x, (double)x.y, (double)x.z}, *w = rigid->spin;
+    v->x += (sb_real)(rigid->velocity[0] + w[1] * r[2] - w[2] * r[1]);
+    v->y += (sb_real)(rigid->velocity[1] + w[2] * r[0] - w[0] * r[2]);
+    v->z += (sb_real)(rigid->velocity[2] + w[0] * r[1] - w[1] * r[0]);
+}
+
+/* Rigid velocity that gives the free nodes these momenta; without spin where they lie in a line or masses couple. */
+static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], const double angular[3],
+                                 sbi_live_rigid *rigid)
+{
+    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0;
+    for (int i = 0; i < 3; i++) {
+        centre[i] = rigid->first[i] / m;
+        trace += rigid->second[i][i] - m * centre[i] * centre[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        left[i] = angular[i] - (centre[(i + 1) % 3] * linear[(i + 2) % 3] - centre[(i + 2) % 3] * linear[(i + 1) % 3]);
+        for (int j = 0; j < 3; j++)
+            inertia[i][j] = (i == j ? trace : 0) - (rigid->second[i][j] - m * centre[i] * centre[j]);
+    }
+    if (next->mass_blocks || !sbi_live_solve3((const double(*)[3])inertia, left, rigid->spin))
+        memset(rigid->spin, 0, sizeof rigid->spin);
+    for (int i = 0; i < 3; i++)
+        rigid->velocity[i] = linear[i] / m - (rigid->spin[(i + 1) % 3] * centre[(i + 2) % 3] -
+                                              rigid->spin[(i + 2) % 3] * centre[(i + 1) % 3]);
+}
+
+/* Gives the nodes of the cells made what is missing of the sums of m v and x x m v, for velocities or accelerations.
+ * Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
+ * masses keep the angular one by themselves, for their motion is linear in the cells. */
+static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *change, const sb_vec3 *before,
+                                   sb_vec3 *after, sb_body *next)
+{
+    const double rounding = 64 * (double)SB_EPSILON;
+    sbi_live_moment have, want;
+    sbi_live_rigid rigid;
+    double linear[3], angular[3];
+    int missing = 0, first = -1;
+    memset(&have, 0, sizeof have);
+    memset(&rigid, 0, sizeof rigid);
+    for (int i = 0; i < change->made_cell_count && first < 0; i++)
+        first = change->made_parents[i] >= 0 ? change->made_cells[i] : -1;
+    if (first < 0 && change->reshaped_cell_count)
+        first = change->reshaped_cells[0];
+    if (first < 0)
+        return;
+    rigid.about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, after, &have);
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, after, &have);
+    want = sbi_live_wanted(body, change, have.mass, rigid.about, before);
+    for (int i = 0; i < 3; i++) {
+        linear[i] = want.linear[i] - have.linear[i];
+        angular[i] = want.angular[i] - have.angular[i];
+        missing |= fabs(linear[i]) > rounding * (want.linear_size + have.linear_size);
+        missing |= !next->mass_blocks && fabs(angular[i]) > rounding * (want.angular_size + have.angular_size);
+    }
+    if (!missing)
+        return;
+    rigid.values = after;
+    sbi_live_visit_nodes(next, change, sbi_live_sum_node, &rigid);
+    if (!(rigid.mass > 0))
+        return;
+    sbi_live_solve_rigid(next, linear, angular, &rigid);
+    sbi_live_visit_nodes(next, change, sbi_live_push_node, &rigid);
+}
+
+/* ---- all of it ---- */
+
+/* Every node in use has a cell, but those that had none before. */
+static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
+                                       sb_error *error)
+{
+    for (int i = 0; i < change->made_node_count; i++)
+        if (next->node_component[change->made_nodes[i]] < 0)
+            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
+                                 change->made_nodes[i]);
+    for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
+        if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
+            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+    return SB_OK;
+}
+
+/* Blocks for the rows of supports. */
+static sb_result sbi_live_reserve_supports(sb_body *next, sb_error *error)
+{
+    int needed = 0;
+    for (int i = 0; i < next->domain.node_count; i++)
+        if (next->fixed[i] && next->node_component[i] >= 0)
+            needed += next->matrix.row_end[i] - next->matrix.row_start[i];
+    if (sbi_body_reserve_support_blocks(next, needed) != SB_OK)
+        return sbi_live_no_memory(error, next->domain.node_count);
+    next->support_used = needed;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
+                                 sb_body *next, sb_error *error)
+{
+    sb_result result = sbi_live_check_lonely(body, change, next, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_carry_nodes(body, change, next);
+    sbi_live_carry_cells(body, mesh, next);
+    result = sbi_live_reserve_supports(next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry_rows(body, change, next, error);
+    if (result != SB_OK)
+        return result;
+    next->acceleration_known = body->acceleration_known;
+    next->assembly.unknots = body->assembly.unknots;
+    sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
+    sbi_live_keep_momentum(body, change, body->velocity, next->velocity, next);
+    if (body->acceleration_known)
+        sbi_live_keep_momentum(body, change, body->acceleration, next->acceleration, next);
+    return SB_OK;
+}
+
+/* Members that point into the struct. */
+static void sbi_live_rebase(sb_body *body)
+{
+    body->assembly.domain = &body->domain;
+    body->assembly.jobs = &body->jobs;
+}
+
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
+{
+    sb_body old = *body;
+    sbi_live *live = body->live, *made = next->live;
+    if (next->node_capacity == body->node_capacity) { /* pointers that others hold stay valid */
+        sbi_body_copy_nodes(body, next);
+        sbi_body_swap_nodes(body, next);
+        old = *body;
+    }
+    *body = *next;
+    *next = old;
+    body->observe = old.observe;
+    body->observer = old.observer;
+    next->observe = NULL;
+    made->open = live->open;
+    made->listeners = live->listeners;
+    made->listener_count = live->listener_count;
+    made->listener_capacity = live->listener_capacity;
+    made->last_listener = live->last_listener;
+    live->open = NULL;
+    live->listeners = NULL;
+    body->pattern_version = old.pattern_version + 1;
+    sbi_live_rebase(body);
+    sbi_live_rebase(next);
+    sb_body_destroy(next);
+}

@@ -1,0 +1,900 @@
+/* live_change: a change of the mesh as it is put together, checked and handed on.
+ *
+ * Every call is also written down as numbers (log), so that a recording can make the same calls again. Numbers of nodes
+ * and cells mean what they are at that point of the change; sources and parents that the change itself made are resolved
+ * to those before it when they are named. */
+#include "live_change.h"
+
+#include <string.h>
+
+#include "live_private.h"
+
+enum {
+    SBI_CHANGE_ADD_NODE = 1,
+    SBI_CHANGE_MOVE_NODE = 2,
+    SBI_CHANGE_REMOVE_NODE = 3,
+    SBI_CHANGE_ADD_CELL = 4,
+    SBI_CHANGE_REPLACE_CELL = 5,
+    SBI_CHANGE_REMOVE_CELL = 6
+};
+
+SB_API sb_change_cell sb_default_change_cell(void)
+{
+    sb_change_cell cell;
+    memset(&cell, 0, sizeof cell);
+    cell.parent = -1;
+    cell.region = SB_AUTO;
+    cell.share = 1;
+    return cell;
+}
+
+/* ---- memory ---- */
+
+/* Room for `more` items behind `count`; 0: no memory. */
+static int sbi_change_grow(sb_body_change *change, void **array, int *capacity, int count, int more, size_t item)
+{
+    int64_t needed = (int64_t)count + more, roomy = needed + needed / 2 + 8;
+    void *grown;
+    if (needed <= *capacity)
+        return 1;
+    if (roomy > INT32_MAX)
+        return 0;
+    grown = sbi_alloc(&change->body->allocator, (size_t)roomy, item);
+    if (!grown)
+        return 0;
+    if (count)
+        memcpy(grown, *array, (size_t)count * item);
+    sbi_free(&change->body->allocator, *array);
+    *array = grown;
+    *capacity = (int)roomy;
+    return 1;
+}
+
+#define SBI_CHANGE_ROOM(change, list, more) \
+    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more, \
+                    sizeof *(change)->list.items)
+
+static sb_result sbi_change_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a change of the mesh");
+}
+
+/* Room in the lists for one call: a record of each kind, `nodes` entries of nodes and weights, and the log. */
+static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error *error)
+{
+    int expanded = nodes; /* sources made by this change stand for all of theirs */
+    if (nodes > INT32_MAX / 64)
+        return sbi_change_no_memory(error);
+    if (!SBI_CHANGE_ROOM(change, made_nodes, 1) || !SBI_CHANGE_ROOM(change, removed_nodes, 1) ||
+        !SBI_CHANGE_ROOM(change, moved_nodes, 1) || !SBI_CHANGE_ROOM(change, made_cells, 1) ||
+        !SBI_CHANGE_ROOM(change, removed_cells, 1) || !SBI_CHANGE_ROOM(change, entries, expanded) ||
+        !SBI_CHANGE_ROOM(change, corners, SB_MAX_ELEMENT_NODES) ||
+        !SBI_CHANGE_ROOM(change, log_ints, nodes + 8 + SB_MAX_ELEMENT_NODES) ||
+        !SBI_CHANGE_ROOM(change, log_reals, nodes + 8))
+        return sbi_change_no_memory(error);
+    return SB_OK;
+}
+
+/* More slots of one kind: half as many again. */
+static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots)
+{
+    sbi_slots grown;
+    int64_t capacity = (int64_t)slots->capacity + slots->capacity / 2 + 16;
+    if (slots->count || slots->fresh < slots->capacity)
+        return 1;
+    if (capacity > INT32_MAX / 8 || !sbi_slots_copy(&grown, slots, (int)capacity, &change->body->allocator))
+        return 0;
+    sbi_slots_free(slots, &change->body->allocator);
+    *slots = grown;
+    return 1;
+}
+
+static void sbi_change_log_int(sb_body_change *change, int value)
+{
+    change->log_ints.items[change->log_ints.count++] = value;
+}
+
+static void sbi_change_log_real(sb_body_change *change, sb_real value)
+{
+    change->log_reals.items[change->log_reals.count++] = value;
+}
+
+static void sbi_change_log_vector(sb_body_change *change, sb_vec3 v)
+{
+    sbi_change_log_real(change, v.x);
+    sbi_change_log_real(change, v.y);
+    sbi_change_log_real(change, v.z);
+}
+
+/* ---- begin and end ---- */
+
+SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error)
+{
+    sb_body_change *made;
+    if (!body || !change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_begin needs a body and a place for the change");
+    if (!body->live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: def.slack was 0");
+    if (body->live->open)
+        return sbi_fail(error, SB_ERROR_STATE, "another change of this body is open");
+    made = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_change_no_memory(error);
+    made->body = body;
+    made->version = body->live->version;
+    if (!sbi_slots_copy(&made->nodes, &body->live->nodes, 0, &body->allocator) ||
+        !sbi_slots_copy(&made->cells, &body->live->cells, 0, &body->allocator)) {
+        sb_body_change_cancel(made);
+        return sbi_change_no_memory(error);
+    }
+    body->live->open = made;
+    *change = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_change_cancel(sb_body_change *change)
+{
+    sb_allocator allocator;
+    if (!change)
+        return;
+    allocator = change->body->allocator;
+    if (change->body->live->open == change)
+        change->body->live->open = NULL;
+    sbi_slots_free(&change->nodes, &allocator);
+    sbi_slots_free(&change->cells, &allocator);
+    sbi_free(&allocator, change->made_nodes.items);
+    sbi_free(&allocator, change->removed_nodes.items);
+    sbi_free(&allocator, change->moved_nodes.items);
+    sbi_free(&allocator, change->made_cells.items);
+    sbi_free(&allocator, change->removed_cells.items);
+    sbi_free(&allocator, change->entries.items);
+    sbi_free(&allocator, change->corners.items);
+    sbi_free(&allocator, change->log_ints.items);
+    sbi_free(&allocator, change->log_reals.items);
+    sbi_free(&allocator, change);
+}
+
+/* ---- what numbers mean at this point ---- */
+
+/* The record of a node that this change made and did not remove again, or NULL. */
+static sbi_changed_node *sbi_change_made_node(sb_body_change *change, int node)
+{
+    for (int i = change->made_nodes.count - 1; i >= 0; i--)
+        if (change->made_nodes.items[i].node == node && !change->made_nodes.items[i].dropped)
+            return change->made_nodes.items + i;
+    return NULL;
+}
+
+static sbi_changed_cell *sbi_change_made_cell(sb_body_change *change, int cell)
+{
+    for (int i = change->made_cells.count - 1; i >= 0; i--)
+        if (change->made_cells.items[i].cell == cell && !change->made_cells.items[i].dropped)
+            return change->made_cells.items + i;
+    return NULL;
+}
+
+/* Finite weights >= 0 that sum to 1, and nodes known before the change or in use now. */
+static sb_result sbi_change_check_list(sb_body_change *change, const int *nodes, const sb_real *weights, int count,
+                                       const char *what, sb_error *error)
+{
+    double sum = 0;
+    if (count < 0 || (count > 0 && (!nodes || !weights)))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the list of %s is NULL or its count %d negative", what, count);
+    for (int k = 0; k < count; k++) {
+        if (!sb_is_finite(weights[k]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[k], "a weight among the %s is not finite", what);
+        if (weights[k] < 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[k], "a weight among the %s is negative: %g", what,
+                                 (double)weights[k]);
+        if (!sbi_slots_is_used(&change->nodes, nodes[k]) && !sb_body_node_in_use(change->body, nodes[k]))
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[k], "node %d among the %s is not in use", nodes[k], what);
+        sum += (double)weights[k];
+    }
+    if (count > 0 && !(sum > 1 - 1e-4 && sum < 1 + 1e-4))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the weights of the %s sum to %g, not to 1", what, sum);
+    return SB_OK;
+}
+
+/* How many sources a list has once those made by this change stand for theirs. */
+static int sbi_change_expanded(sb_body_change *change, const int *nodes, int count)
+{
+    int64_t sum = 0;
+    for (int k = 0; k < count; k++) {
+        const sbi_changed_node *made = sbi_change_made_node(change, nodes[k]);
+        sum += made ? made->count : 1;
+    }
+    return sum < INT32_MAX / 64 ? (int)sum : INT32_MAX;
+}
+
+/* Appends one source, or adds to it. */
+static void sbi_change_add_entry(sb_body_change *change, int first, int node, sb_real weight)
+{
+    for (int k = first; k < change->entries.count; k++)
+        if (change->entries.items[k].node == node) {
+            change->entries.items[k].weight += weight;
+            return;
+        }
+    change->entries.items[change->entries.count].node = node;
+    change->entries.items[change->entries.count++].weight = weight;
+}
+
+/* Appends sources to the entries, in numbers before the change; there is room. */
+static void sbi_change_expand(sb_body_change *change, const int *nodes, const sb_real *weights, int count)
+{
+    int first = change->entries.count;
+    for (int k = 0; k < count; k++) {
+        const sbi_changed_node *made = sbi_change_made_node(change, nodes[k]);
+        for (int j = 0; made && j < made->count; j++) {
+            sbi_change_entry source = change->entries.items[made->first + j];
+            sbi_change_add_entry(change, first, source.node, weights[k] * source.weight);
+        }
+        if (!made)
+            sbi_change_add_entry(change, first, nodes[k], weights[k]);
+    }
+}
+
+static void sbi_change_log_list(sb_body_change *change, const int *nodes, const sb_real *weights, int count)
+{
+    sbi_change_log_int(change, count);
+    for (int k = 0; k < count; k++) {
+        sbi_change_log_int(change, nodes[k]);
+        sbi_change_log_real(change, weights[k]);
+    }
+}
+
+/* ---- nodes ---- */
+
+SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
+                                         const sb_real *weights, int count, int flags, int *node, sb_error *error)
+{
+    sbi_changed_node *made;
+    int slot, expanded;
+    sb_result result;
+    if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_node needs a change, a place for the number, at "
+                                                  "least one source and known flags");
+    if (!sb_v3_is_finite(position))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the place of the new node is not finite");
+    result = sbi_change_check_list(change, sources, weights, count, "sources", error);
+    if (result != SB_OK)
+        return result;
+    expanded = sbi_change_expanded(change, sources, count);
+    result = sbi_change_reserve(change, sbi_max_int(count, expanded), error);
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes))
+        result = sbi_change_no_memory(error);
+    if (result != SB_OK)
+        return result;
+    made = change->made_nodes.items + change->made_nodes.count;
+    memset(made, 0, sizeof *made);
+    made->first = change->entries.count;
+    sbi_change_expand(change, sources, weights, count);
+    made->count = change->entries.count - made->first;
+    slot = sbi_slots_take(&change->nodes);
+    made->node = slot;
+    made->position = position;
+    made->flags = flags;
+    change->made_nodes.count++;
+    sbi_change_log_int(change, SBI_CHANGE_ADD_NODE);
+    sbi_change_log_int(change, flags);
+    sbi_change_log_list(change, sources, weights, count);
+    sbi_change_log_vector(change, position);
+    *node = slot;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error)
+{
+    sbi_changed_node *made, *moved = NULL;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_move_node needs a change");
+    if (!sb_v3_is_finite(position))
+        return sbi_fail_node(error, SB_ERROR_NOT_FINITE, node, "the new place of node %d is not finite", node);
+    if (!sbi_slots_is_used(&change->nodes, node))
+        return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
+    result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    made = sbi_change_made_node(change, node);
+    for (int i = 0; i < change->moved_nodes.count && !made; i++)
+        if (change->moved_nodes.items[i].node == node)
+            moved = change->moved_nodes.items + i;
+    if (!made && !moved) {
+        moved = change->moved_nodes.items + change->moved_nodes.count++;
+        memset(moved, 0, sizeof *moved);
+        moved->node = node;
+    }
+    (made ? made : moved)->position = position;
+    sbi_change_log_int(change, SBI_CHANGE_MOVE_NODE);
+    sbi_change_log_int(change, node);
+    sbi_change_log_vector(change, position);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
+                                            int count, sb_error *error)
+{
+    sbi_changed_node *made, *removed;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_remove_node needs a change");
+    if (!sbi_slots_is_used(&change->nodes, node))
+        return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
+    result = sbi_change_check_list(change, heirs, weights, count, "heirs", error);
+    for (int k = 0; k < count && result == SB_OK; k++)
+        if (heirs[k] == node || !sbi_slots_is_used(&change->nodes, heirs[k]))
+            result = sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
+    for (int i = 0; i < change->removed_nodes.count && result == SB_OK; i++)
+        for (int k = 0; k < change->removed_nodes.items[i].count && result == SB_OK; k++)
+            if (change->entries.items[change->removed_nodes.items[i].first + k].node == node)
+                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "node %d is the heir of node %d, which this "
+                                       "change removes", node, change->removed_nodes.items[i].node);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, count, error);
+    if (result != SB_OK)
+        return result;
+    made = sbi_change_made_node(change, node);
+    if (made) {
+        made->dropped = 1;
+    } else {
+        removed = change->removed_nodes.items + change->removed_nodes.count++;
+        memset(removed, 0, sizeof *removed);
+        removed->node = node;
+        removed->first = change->entries.count;
+        for (int k = 0; k < count; k++)
+            sbi_change_add_entry(change, removed->first, heirs[k], weights[k]);
+        removed->count = change->entries.count - removed->first;
+        for (int i = 0; i < change->moved_nodes.count; i++)
+            if (change->moved_nodes.items[i].node == node) {
+                change->moved_nodes.items[i] = change->moved_nodes.items[--change->moved_nodes.count];
+                break;
+            }
+    }
+    sbi_slots_give(&change->nodes, node);
+    sbi_change_log_int(change, SBI_CHANGE_REMOVE_NODE);
+    sbi_change_log_int(change, node);
+    sbi_change_log_list(change, heirs, weights, count);
+    return SB_OK;
+}
+
+/* ---- cells ---- */
+
+/* Index of a region, or -1. */
+static int sbi_change_region(const sb_body *body, int region)
+{
+    for (int i = 0; i < body->material_count; i++)
+        if (body->material_regions[i] == region)
+            return i;
+    return -1;
+}
+
+/* Checks all of a cell but what its nodes will be; *parent is its number before the change. */
+static sb_result sbi_change_check_cell(sb_body_change *change, const sb_change_cell *cell, int *parent, sb_error *error)
+{
+    const sb_body *body = change->body;
+    const sbi_changed_cell *made = sbi_change_made_cell(change, cell->parent);
+    *parent = made ? made->parent : cell->parent;
+    if (!cell->nodes)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the nodes of a cell are NULL");
+    if (*parent != -1 && !sb_body_cell_in_use(body, *parent))
+        return sbi_fail_element(error, SB_ERROR_INDEX, *parent, "the parent %d of a cell was not in use", *parent);
+    if (cell->region != SB_AUTO && sbi_change_region(body, cell->region) < 0)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh was made without a region %d", cell->region);
+    if (!(cell->share > 0) || !(cell->share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the share %g of a cell is not in (0, 1]", (double)cell->share);
+    if (cell->fibre && !sb_v3_is_finite(*cell->fibre))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the fibre of a cell is not finite");
+    if (cell->fibre && !body->fibres)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cell has a fibre, but the body has none: sb_body_set_fibres");
+    return SB_OK;
+}
+
+static void sbi_change_log_cell(sb_body_change *change, const sb_change_cell *cell)
+{
+    sbi_change_log_int(change, cell->parent);
+    sbi_change_log_int(change, cell->region);
+    sbi_change_log_int(change, cell->fibre != NULL);
+    for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+        sbi_change_log_int(change, cell->nodes[a]);
+    sbi_change_log_real(change, cell->share);
+    sbi_change_log_vector(change, cell->fibre ? *cell->fibre : sb_v3(0, 0, 0));
+}
+
+/* Puts a checked cell into a slot that was taken for it; there is room. */
+static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_change_cell *cell, int parent)
+{
+    const sb_body *body = change->body;
+    sbi_changed_cell *made = change->made_cells.items + change->made_cells.count++;
+    memset(made, 0, sizeof *made);
+    made->cell = slot;
+    made->parent = parent;
+    made->share = cell->share;
+    made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
+                     : parent >= 0           ? body->cell_material[parent]
+                                             : 0;
+    made->has_fibre = cell->fibre != NULL;
+    if (cell->fibre)
+        sbi_body_copy_fibres(&made->fibre, cell->fibre, 1);
+    else if (parent >= 0 && body->fibres)
+        made->fibre = body->fibres[parent];
+    made->first = change->corners.count;
+    for (int a = 0; a < body->domain.nodes_per_cell; a++)
+        change->corners.items[change->corners.count++] = cell->nodes[a];
+}
+
+/* Notes that a cell in use goes; its slot stays taken. */
+static void sbi_change_drop_cell(sb_body_change *change, int number)
+{
+    sbi_changed_cell *made = sbi_change_made_cell(change, number);
+    if (made)
+        made->dropped = 1;
+    else
+        change->removed_cells.items[change->removed_cells.count++] = number;
+}
+
+SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
+                                         sb_error *error)
+{
+    int parent, slot;
+    sb_result result;
+    if (!change || !cell)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_cell needs a change and a cell");
+    result = sbi_change_check_cell(change, cell, &parent, error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, 0, error);
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells))
+        result = sbi_change_no_memory(error);
+    if (result != SB_OK)
+        return result;
+    slot = sbi_slots_take(&change->cells);
+    sbi_change_log_int(change, SBI_CHANGE_ADD_CELL);
+    sbi_change_log_cell(change, cell);
+    sbi_change_put_cell(change, slot, cell, parent);
+    if (number)
+        *number = slot;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number, const sb_change_cell *cell,
+                                             sb_error *error)
+{
+    int parent;
+    sb_result result;
+    if (!change || !cell)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_replace_cell needs a change and a cell");
+    if (!sbi_slots_is_used(&change->cells, number))
+        return sbi_fail_element(error, SB_ERROR_INDEX, number, "cell %d is not in use", number);
+    result = sbi_change_check_cell(change, cell, &parent, error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    sbi_change_log_int(change, SBI_CHANGE_REPLACE_CELL);
+    sbi_change_log_int(change, number);
+    sbi_change_log_cell(change, cell);
+    sbi_change_drop_cell(change, number);
+    sbi_change_put_cell(change, number, cell, parent);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, sb_error *error)
+{
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_remove_cell needs a change");
+    if (!sbi_slots_is_used(&change->cells, number))
+        return sbi_fail_element(error, SB_ERROR_INDEX, number, "cell %d is not in use", number);
+    result = sbi_change_reserve(change, 0, error);
+    if (result != SB_OK)
+        return result;
+    sbi_change_log_int(change, SBI_CHANGE_REMOVE_CELL);
+    sbi_change_log_int(change, number);
+    sbi_change_drop_cell(change, number);
+    sbi_slots_give(&change->cells, number);
+    return SB_OK;
+}
+
+/* ---- a recorded change ---- */
+
+typedef struct sbi_change_reader {
+    const sbi_command *command;
+    size_t ints, reals;
+    int bad;
+} sbi_change_reader;
+
+static int sbi_change_next_int(sbi_change_reader *reader)
+{
+    reader->bad |= reader->ints >= reader->command->int_count;
+    return reader->bad ? 0 : reader->command->ints[reader->ints++];
+}
+
+static sb_real sbi_change_next_real(sbi_change_reader *reader)
+{
+    reader->bad |= reader->reals >= reader->command->real_count;
+    return reader->bad ? 0 : reader->command->reals[reader->reals++];
+}
+
+static sb_vec3 sbi_change_next_vector(sbi_change_reader *reader)
+{
+    sb_vec3 v;
+    v.x = sbi_change_next_real(reader);
+    v.y = sbi_change_next_real(reader);
+    v.z = sbi_change_next_real(reader);
+    return v;
+}
+
+/* Nodes and weights that follow; borrowed from the command. */
+static int sbi_change_next_list(sbi_change_reader *reader, const int **nodes, const sb_real **weights)
+{
+    int count = sbi_change_next_int(reader);
+    if (reader->bad || count < 0 || (size_t)count > reader->command->int_count - reader->ints ||
+        (size_t)count > reader->command->real_count - reader->reals) {
+        reader->bad = 1;
+        return 0;
+    }
+    *nodes = reader->command->ints + reader->ints;
+    *weights = reader->command->reals + reader->reals;
+    reader->ints += (size_t)count;
+    reader->reals += (size_t)count;
+    return count;
+}
+
+/* Makes one call again. */
+static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reader *reader, sb_error *error)
+{
+    int nodes[SB_MAX_ELEMENT_NODES], call = sbi_change_next_int(reader), count = 0, number, flag;
+    const int *list = NULL;
+    const sb_real *weights = NULL;
+    sb_vec3 v;
+    if (call == SBI_CHANGE_ADD_NODE || call == SBI_CHANGE_REMOVE_NODE) {
+        flag = sbi_change_next_int(reader);
+        count = sbi_change_next_list(reader, &list, &weights);
+        v = call == SBI_CHANGE_ADD_NODE ? sbi_change_next_vector(reader) : sb_v3(0, 0, 0);
+        if (reader->bad)
+            return SB_OK;
+        return call == SBI_CHANGE_ADD_NODE
+                   ? sb_body_change_add_node(change, v, list, weights, count, flag, &number, error)
+                   : sb_body_change_remove_node(change, flag, list, weights, count, error);
+    }
+    number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
+    if (call == SBI_CHANGE_MOVE_NODE) {
+        v = sbi_change_next_vector(reader);
+        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, error);
+    }
+    if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
+        sb_change_cell cell = sb_default_change_cell();
+        cell.parent = sbi_change_next_int(reader);
+        cell.region = sbi_change_next_int(reader);
+        flag = sbi_change_next_int(reader);
+        for (int a = 0; a < change->body->domain.nodes_per_cell; a++)
+            nodes[a] = sbi_change_next_int(reader);
+        cell.nodes = nodes;
+        cell.share = sbi_change_next_real(reader);
+        v = sbi_change_next_vector(reader);
+        cell.fibre = flag ? &v : NULL;
+        if (reader->bad)
+            return SB_OK;
+        return call == SBI_CHANGE_ADD_CELL ? sb_body_change_add_cell(change, &cell, NULL, error)
+                                           : sb_body_change_replace_cell(change, number, &cell, error);
+    }
+    reader->bad |= call != SBI_CHANGE_REMOVE_CELL;
+    return reader->bad ? SB_OK : sb_body_change_remove_cell(change, number, error);
+}
+
+SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error)
+{
+    sbi_change_reader reader;
+    sb_body_change *change;
+    sb_result result = sb_body_change_begin(body, &change, error);
+    memset(&reader, 0, sizeof reader);
+    reader.command = command;
+    if (result != SB_OK)
+        return result;
+    while (result == SB_OK && !reader.bad && reader.ints < command->int_count)
+        result = sbi_change_replay_call(change, &reader, error);
+    if (result == SB_OK && (reader.bad || reader.reals != command->real_count))
+        result = sbi_fail(error, SB_ERROR_FORMAT, "a recorded change of the mesh is damaged");
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, error);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+/* ---- commit ---- */
+
+/* Lays out the arrays of the change as others learn of it. */
+static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *lists, sbi_arena *arena)
+{
+    size_t n = (size_t)change->body->domain.nodes_per_cell, entries = (size_t)change->entries.count;
+    size_t made = (size_t)change->made_nodes.count, removed = (size_t)change->removed_nodes.count;
+    size_t moved = (size_t)change->moved_nodes.count, gone = (size_t)change->removed_cells.count;
+    size_t come = (size_t)change->made_cells.count;
+    lists->made_nodes = (int *)sbi_arena_take(arena, made, sizeof(int));
+    lists->made_copies = (unsigned char *)sbi_arena_take(arena, made, 1);
+    lists->source_start = (int *)sbi_arena_take(arena, made + 1, sizeof(int));
+    lists->sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->source_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
+    lists->removed_nodes = (int *)sbi_arena_take(arena, removed, sizeof(int));
+    lists->heir_start = (int *)sbi_arena_take(arena, removed + 1, sizeof(int));
+    lists->heirs = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
+    lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
+    lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->removed_cells = (int *)sbi_arena_take(arena, gone, sizeof(int));
+    lists->removed_cell_nodes = (int *)sbi_arena_take(arena, gone, n * sizeof(int));
+    lists->made_cells = (int *)sbi_arena_take(arena, come, sizeof(int));
+    lists->made_cell_nodes = (int *)sbi_arena_take(arena, come, n * sizeof(int));
+    lists->made_parents = (int *)sbi_arena_take(arena, come, sizeof(int));
+    lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
+    lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
+    lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
+}
+
+/* Upper bound of the cells that a moved node reshapes. */
+static int sbi_change_count_reshaped(const sb_body_change *change)
+{
+    const sb_index_lists *lists = &change->body->node_elements;
+    int64_t count = 0;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        int node = change->moved_nodes.items[i].node;
+        count += lists->offsets[node + 1] - lists->offsets[node];
+    }
+    return count < INT32_MAX ? (int)count : INT32_MAX;
+}
+
+static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
+{
+    int entries = 0;
+    for (int i = 0; i < change->made_nodes.count; i++) {
+        const sbi_changed_node *node = change->made_nodes.items + i;
+        if (node->dropped)
+            continue;
+        lists->made_nodes[out->made_node_count] = node->node;
+        lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
+        lists->source_start[out->made_node_count++] = entries;
+        for (int k = 0; k < node->count; k++, entries++) {
+            lists->sources[entries] = change->entries.items[node->first + k].node;
+            lists->source_weights[entries] = change->entries.items[node->first + k].weight;
+        }
+    }
+    lists->source_start[out->made_node_count] = entries;
+    entries = 0;
+    for (int i = 0; i < change->removed_nodes.count; i++) {
+        const sbi_changed_node *node = change->removed_nodes.items + i;
+        lists->removed_nodes[i] = node->node;
+        lists->heir_start[i] = entries;
+        for (int k = 0; k < node->count; k++, entries++) {
+            lists->heirs[entries] = change->entries.items[node->first + k].node;
+            lists->heir_weights[entries] = change->entries.items[node->first + k].weight;
+        }
+    }
+    out->removed_node_count = change->removed_nodes.count;
+    lists->heir_start[out->removed_node_count] = entries;
+    out->moved_node_count = change->moved_nodes.count;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        lists->moved_nodes[i] = change->moved_nodes.items[i].node;
+        lists->moved_from[i] = change->body->reference[change->moved_nodes.items[i].node];
+    }
+}
+
+static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
+{
+    const sb_body *body = change->body;
+    size_t n = (size_t)body->domain.nodes_per_cell;
+    out->removed_cell_count = change->removed_cells.count;
+    for (int i = 0; i < change->removed_cells.count; i++) {
+        lists->removed_cells[i] = change->removed_cells.items[i];
+        memcpy(lists->removed_cell_nodes + (size_t)i * n, body->domain.cells + (size_t)lists->removed_cells[i] * n,
+               n * sizeof(int));
+    }
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        lists->made_cells[out->made_cell_count] = cell->cell;
+        lists->made_parents[out->made_cell_count] = cell->parent;
+        lists->made_shares[out->made_cell_count] = cell->share;
+        memcpy(lists->made_cell_nodes + (size_t)out->made_cell_count * n, change->corners.items + cell->first,
+               n * sizeof(int));
+        out->made_cell_count++;
+    }
+}
+
+/* Cells that stay while a node of theirs moves, each once, by the order of the nodes. */
+static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
+                                     sb_mesh_change *out)
+{
+    const sb_index_lists *elements = &change->body->node_elements;
+    for (int i = 0; i < change->moved_nodes.count; i++) {
+        int node = change->moved_nodes.items[i].node;
+        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
+            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+            for (int j = 0; j < out->reshaped_cell_count; j++)
+                stays = stays && lists->reshaped_cells[j] != e;
+            if (!stays)
+                continue;
+            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            lists->reshaped_cells[out->reshaped_cell_count++] = e;
+        }
+    }
+}
+
+/* The mesh that the change leads to. */
+static void sbi_change_apply(const sb_body_change *change, sbi_live_mesh *mesh)
+{
+    const sb_body *body = change->body;
+    int n = body->domain.nodes_per_cell;
+    for (int i = 0; i < change->removed_cells.count; i++) {
+        int e = change->removed_cells.items[i];
+        if (e >= mesh->cells.end)
+            continue;
+        memset(mesh->corners + (size_t)e * (size_t)n, 0, (size_t)n * sizeof(int));
+        mesh->shares[e] = 0;
+        mesh->inherit[e] = -1;
+        mesh->kept[e] = 0;
+    }
+    for (int i = 0; i < change->made_nodes.count; i++)
+        if (!change->made_nodes.items[i].dropped)
+            mesh->positions[change->made_nodes.items[i].node] = change->made_nodes.items[i].position;
+    for (int i = 0; i < change->moved_nodes.count; i++)
+        mesh->positions[change->moved_nodes.items[i].node] = change->moved_nodes.items[i].position;
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        memcpy(mesh->corners + (size_t)cell->cell * (size_t)n, change->corners.items + cell->first,
+               (size_t)n * sizeof(int));
+        mesh->material[cell->cell] = cell->material;
+        mesh->shares[cell->cell] = cell->share;
+        mesh->inherit[cell->cell] = cell->parent;
+        mesh->kept[cell->cell] = 0;
+        if (mesh->fibres)
+            mesh->fibres[cell->cell] = cell->fibre;
+    }
+}
+
+/* Whether every cell has nodes that are in use, each once. */
+static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_mesh *mesh, sb_error *error)
+{
+    int n = body->domain.nodes_per_cell, cells = 0;
+    for (int e = 0; e < mesh->cells.end; e++) {
+        const int *cell = mesh->corners + (size_t)e * (size_t)n;
+        cells += mesh->shares[e] > 0;
+        for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
+            if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
+                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change", e,
+                                 cell[a]);
+                if (error)
+                    error->node = cell[a];
+                return SB_ERROR_INDEX;
+            }
+            for (int b = 0; b < a; b++)
+                if (cell[b] == cell[a])
+                    return sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d twice", e, cell[a]);
+        }
+    }
+    return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
+}
+
+/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
+static sb_result sbi_change_check_removed(const sb_body *body, const sbi_live_mesh *mesh, const sb_mesh_change *change,
+                                          sb_error *error)
+{
+    for (int i = 0; i < change->removed_node_count; i++) {
+        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
+            if (!sbi_slots_is_used(&mesh->nodes, change->heirs[k]))
+                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
+                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
+                                     node);
+        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "node %d is supported and has no heir: release it before it is removed", node);
+    }
+    return SB_OK;
+}
+
+/* The lists, the mesh and the checks that need no neighbours. */
+static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out,
+                                    sbi_live_mesh *mesh, sb_error *error)
+{
+    sb_body *body = change->body;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_result result;
+    memset(out, 0, sizeof *out);
+    memset(lists, 0, sizeof *lists);
+    change->reshaped_most = sbi_change_count_reshaped(change);
+    sbi_change_layout(change, lists, &arena);
+    lists->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
+    if (!lists->memory)
+        return sbi_change_no_memory(error);
+    arena.base = (unsigned char *)lists->memory;
+    arena.used = 0;
+    sbi_change_layout(change, lists, &arena);
+    result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_mesh_fill(body, mesh);
+    sbi_change_apply(change, mesh);
+    out->node_end = change->nodes.end;
+    out->cell_end = change->cells.end;
+    out->nodes_per_cell = body->domain.nodes_per_cell;
+    sbi_change_list_nodes(change, lists, out);
+    sbi_change_list_cells(change, lists, out);
+    sbi_change_list_reshaped(change, mesh, lists, out);
+    out->made_nodes = lists->made_nodes;
+    out->made_copies = lists->made_copies;
+    out->source_start = lists->source_start;
+    out->sources = lists->sources;
+    out->source_weights = lists->source_weights;
+    out->removed_nodes = lists->removed_nodes;
+    out->heir_start = lists->heir_start;
+    out->heirs = lists->heirs;
+    out->heir_weights = lists->heir_weights;
+    out->moved_nodes = lists->moved_nodes;
+    out->moved_from = lists->moved_from;
+    out->removed_cells = lists->removed_cells;
+    out->removed_cell_nodes = lists->removed_cell_nodes;
+    out->made_cells = lists->made_cells;
+    out->made_cell_nodes = lists->made_cell_nodes;
+    out->made_parents = lists->made_parents;
+    out->made_shares = lists->made_shares;
+    out->reshaped_cells = lists->reshaped_cells;
+    out->reshaped_shares = lists->reshaped_shares;
+    result = sbi_change_check_corners(body, mesh, error);
+    if (result == SB_OK)
+        result = sbi_change_check_removed(body, mesh, out, error);
+    return result;
+}
+
+/* Asks all listeners; on failure those asked before give up. */
+static sb_result sbi_change_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->listener_count; i++) {
+        const sb_body_listener *calls = &live->listeners[i].calls;
+        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
+        for (int k = 0; k < i && result != SB_OK; k++)
+            if (live->listeners[k].calls.give_up)
+                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
+{
+    sbi_change_lists lists;
+    sb_mesh_change out;
+    sbi_live_mesh mesh;
+    sb_body *body, *next = NULL;
+    sb_result result;
+    if (!change)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
+    body = change->body;
+    if (change->version != body->live->version)
+        return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_change_prepare(change, &lists, &out, &mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry(body, &out, &mesh, next, error);
+    if (result == SB_OK)
+        result = sbi_change_ask_listeners(body, &out, error);
+    if (result == SB_OK) {
+        sbi_live_replace(body, next);
+        next = NULL;
+        sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
+                      change->log_reals.items, (size_t)change->log_reals.count);
+        for (int i = 0; i < body->live->listener_count; i++)
+            body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
+        sb_body_change_cancel(change);
+    }
+    sb_body_destroy(next);
+    sbi_live_mesh_free(body, &mesh);
+    sbi_free(&body->allocator, lists.memory);
+    return result;
+}

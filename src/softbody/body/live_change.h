@@ -1,0 +1,52 @@
+/* live_change: a change of the mesh as it is put together. Internal. */
+#ifndef SB_LIVE_CHANGE_H
+#define SB_LIVE_CHANGE_H
+
+#include "live_private.h"
+
+/* A node made, removed or moved. */
+typedef struct sbi_changed_node {
+    int node;
+    int first, count;  /* sources (numbers before the change) or heirs among the entries */
+    int flags;
+    int dropped;       /* 1: made and removed again */
+    sb_vec3 position;
+} sbi_changed_node;
+
+typedef struct sbi_changed_cell {
+    int cell, parent;  /* parent: number before the change, or -1 */
+    int material;      /* index of its region */
+    int first;         /* its corners */
+    int dropped, has_fibre;
+    sb_real share;
+    sb_vec3 fibre;
+} sbi_changed_cell;
+
+typedef struct sbi_change_entry {
+    int node;
+    sb_real weight;
+} sbi_change_entry;
+
+struct sb_body_change {
+    sb_body *body;
+    sbi_slots nodes, cells; /* as they are at this point */
+    struct { sbi_changed_node *items; int count, capacity; } made_nodes, removed_nodes, moved_nodes;
+    struct { sbi_changed_cell *items; int count, capacity; } made_cells;
+    struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
+    struct { sbi_change_entry *items; int count, capacity; } entries;
+    struct { sb_real *items; int count, capacity; } log_reals;
+    int reshaped_most; /* upper bound of the cells reshaped */
+    int version;       /* of the body's mesh at the beginning */
+};
+
+/* The arrays behind an sb_mesh_change. */
+typedef struct sbi_change_lists {
+    void *memory;
+    int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
+    int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
+    unsigned char *made_copies;
+    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
+    sb_vec3 *moved_from;
+} sbi_change_lists;
+
+#endif /* SB_LIVE_CHANGE_H */

@@ -1,0 +1,351 @@
+/* live_mesh: slots, readings and listeners of a mesh that may change. */
+#include "live_mesh.h"
+#include "live_private.h"
+
+#include <string.h>
+
+/* ---- slots ---- */
+
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator)
+{
+    memset(slots, 0, sizeof *slots);
+    slots->stack = (int *)sbi_alloc(allocator, (size_t)capacity + 1, sizeof(int));
+    slots->used = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)capacity + 1, 1);
+    if (!slots->stack || !slots->used) {
+        sbi_slots_free(slots, allocator);
+        return 0;
+    }
+    slots->capacity = capacity;
+    slots->end = slots->fresh = used;
+    memset(slots->used, 1, (size_t)used);
+    return 1;
+}
+
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
+        return 0;
+    to->end = from->end;
+    to->fresh = from->fresh;
+    to->count = from->count;
+    memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
+    memcpy(to->used, from->used, (size_t)from->capacity);
+    return 1;
+}
+
+SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator)
+{
+    sbi_free(allocator, slots->stack);
+    sbi_free(allocator, slots->used);
+    memset(slots, 0, sizeof *slots);
+}
+
+SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot)
+{
+    return slot >= 0 && slot < slots->end && slots->used[slot];
+}
+
+SBI_API int sbi_slots_take(sbi_slots *slots)
+{
+    int slot;
+    if (slots->count == 0 && slots->fresh == slots->capacity)
+        return -1;
+    slot = slots->count ? slots->stack[--slots->count] : slots->fresh++;
+    slots->used[slot] = 1;
+    slots->end = sbi_max_int(slots->end, slot + 1);
+    return slot;
+}
+
+SBI_API void sbi_slots_give(sbi_slots *slots, int slot)
+{
+    int merged = 0;
+    slots->used[slot] = 0;
+    slots->stack[slots->count++] = slot;
+    while (slots->end > 0 && !slots->used[slots->end - 1])
+        slots->end--;
+    while (merged < slots->count && slots->stack[merged] == slots->fresh - 1) {
+        slots->fresh--;
+        merged++;
+    }
+    slots->count -= merged;
+    if (merged)
+        memmove(slots->stack, slots->stack + merged, (size_t)slots->count * sizeof(int));
+}
+
+/* ---- what a body has of it ---- */
+
+/* count and a share of it more; -1: too many. */
+static int sbi_live_with_slack(int count, sb_real slack)
+{
+    double most = (double)count + (double)slack * (double)count + 1;
+    return most < (double)(INT32_MAX / 8) ? (int)most : -1;
+}
+
+SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    int nodes = body->domain.node_count, cells = body->domain.cell_count;
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
+    sbi_live *live;
+    body->node_capacity = nodes;
+    if (def->slack == 0)
+        return SB_OK;
+    if (def->domain)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.slack does not go with def.domain: where points of new cells "
+                                                     "would be is unknown");
+    live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    body->live = live;
+    if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
+        !sbi_slots_create(&live->cells, cell_capacity, cells, allocator))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d nodes and %g as much in reserve", nodes,
+                        (double)def->slack);
+    live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)cell_capacity, sizeof(sb_real));
+    if (!live->shares)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
+    for (int e = 0; e < cells; e++)
+        live->shares[e] = 1;
+    live->rule = body->domain.points_per_cell - body->domain.mean_point ==
+                         sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
+                     ? SB_QUADRATURE_STIFFNESS
+                     : SB_QUADRATURE_STIFFNESS_CURVED;
+    body->node_capacity = node_capacity;
+    return SB_OK;
+}
+
+SBI_API void sbi_live_destroy(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live)
+        return;
+    sb_body_change_cancel(live->open);
+    sbi_slots_free(&live->nodes, &body->allocator);
+    sbi_slots_free(&live->cells, &body->allocator);
+    sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->listeners);
+    sbi_free(&body->allocator, live);
+    body->live = NULL;
+}
+
+/* ---- readings ---- */
+
+SB_API int sb_body_node_in_use(const sb_body *body, int node)
+{
+    if (!body || node < 0 || node >= body->domain.node_count)
+        return 0;
+    return !body->live || body->live->nodes.used[node];
+}
+
+SB_API int sb_body_cell_in_use(const sb_body *body, int cell)
+{
+    return body && cell >= 0 && cell < body->domain.cell_count && sbi_live_has_cell(body, cell);
+}
+
+SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell
+                                           : NULL;
+}
+
+SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
+{
+    if (!sb_body_cell_in_use(body, cell))
+        return 0;
+    return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
+SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
+
+SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
+                                  int *cells, sb_error *error)
+{
+    sb_mesh made;
+    int *number, count = 0, n;
+    if (!body || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_get_mesh needs a body and a mesh");
+    memset(&made, 0, sizeof made);
+    if (allocator)
+        made.allocator = *allocator;
+    n = body->domain.nodes_per_cell;
+    made.element_type = body->domain.element_type;
+    made.table = body->domain.table;
+    number = (int *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(int));
+    made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
+    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, (size_t)n * sizeof(int));
+    made.regions = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, sizeof(int));
+    if (!number || !made.nodes || !made.elements || !made.regions) {
+        sbi_free(allocator, number);
+        sb_mesh_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
+    }
+    for (int i = 0; i < body->domain.node_count; i++) {
+        number[i] = sb_body_node_in_use(body, i) ? count++ : -1;
+        if (number[i] >= 0)
+            made.nodes[number[i]] = body->reference[i];
+    }
+    made.node_count = count;
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        int used = sb_body_cell_in_use(body, e);
+        if (cells)
+            cells[e] = used ? made.element_count : -1;
+        for (int a = 0; a < n && used; a++)
+            made.elements[made.element_count * n + a] = number[body->domain.cells[e * n + a]];
+        if (used)
+            made.regions[made.element_count++] = body->material_regions[body->cell_material[e]];
+    }
+    if (nodes)
+        memcpy(nodes, number, (size_t)body->domain.node_count * sizeof(int));
+    sbi_free(allocator, number);
+    *mesh = made;
+    return SB_OK;
+}
+
+/* ---- listeners ---- */
+
+SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error)
+{
+    sbi_live *live;
+    if (!body || !listener || !listener->follow)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_listen needs a body and a listener that follows");
+    live = body->live;
+    if (!live)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body does not change: def.slack was 0");
+    if (live->listener_count == live->listener_capacity) {
+        int capacity = live->listener_capacity + live->listener_capacity / 2 + 4;
+        sbi_listener *grown = (sbi_listener *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+        if (!grown)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d listeners", capacity);
+        if (live->listener_count)
+            memcpy(grown, live->listeners, (size_t)live->listener_count * sizeof *grown);
+        sbi_free(&body->allocator, live->listeners);
+        live->listeners = grown;
+        live->listener_capacity = capacity;
+    }
+    live->listeners[live->listener_count].id = ++live->last_listener;
+    live->listeners[live->listener_count++].calls = *listener;
+    if (id)
+        *id = live->last_listener;
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_unlisten(sb_body *body, int id)
+{
+    sbi_live *live = body ? body->live : NULL;
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; live && i < live->listener_count; i++)
+        if (live->listeners[i].id == id) {
+            live->listener_count--;
+            memmove(live->listeners + i, live->listeners + i + 1,
+                    (size_t)(live->listener_count - i) * sizeof *live->listeners);
+            return SB_OK;
+        }
+    return SB_ERROR_INDEX;
+}
+
+/* ---- check ---- */
+
+static sb_result sbi_live_check_slots(const sbi_slots *slots, int end, const char *what, sb_error *error)
+{
+    int stacked = 0;
+    if (slots->end != end || slots->fresh > slots->capacity || slots->end > slots->fresh)
+        return sbi_fail(error, SB_ERROR_STATE, "slots of %s end at %d, not at %d", what, slots->end, end);
+    if (end > 0 && !slots->used[end - 1])
+        return sbi_fail(error, SB_ERROR_STATE, "the last slot of %s is free", what);
+    for (int i = 0; i < slots->fresh; i++)
+        stacked += !slots->used[i];
+    if (stacked != slots->count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what, slots->count);
+    for (int k = 0; k < slots->count; k++)
+        if (slots->stack[k] < 0 || slots->stack[k] >= slots->fresh || slots->used[slots->stack[k]])
+            return sbi_fail(error, SB_ERROR_STATE, "slot %d of %s waits though it is in use", slots->stack[k], what);
+    return SB_OK;
+}
+
+/* Corners, share and volume of one cell. */
+static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    int n = domain->nodes_per_cell, q = domain->points_per_cell, used = body->live->cells.used[e] != 0;
+    const int *cell = domain->cells + (size_t)e * (size_t)n;
+    if (used != (body->live->shares[e] > 0))
+        return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the share %g", e, (double)body->live->shares[e]);
+    for (int p = 0; p < q; p++)
+        if ((domain->weights[(size_t)e * (size_t)q + (size_t)p] > 0) != used)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has the weight %g at point %d", e,
+                                    (double)domain->weights[(size_t)e * (size_t)q + (size_t)p], p);
+    for (int a = 0; a < n; a++) {
+        if (used ? !sb_body_node_in_use(body, cell[a]) : cell[a] != 0)
+            return sbi_fail_element(error, SB_ERROR_STATE, e, "cell %d has node %d, which is not in use", e, cell[a]);
+        for (int b = 0; b < n && used; b++)
+            if (sb_matrix_find(&body->matrix, cell[a], cell[b]) < 0)
+                return sbi_fail_element(error, SB_ERROR_STATE, e, "the matrix does not couple nodes %d and %d", cell[a],
+                                        cell[b]);
+    }
+    return SB_OK;
+}
+
+/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    int n = body->domain.nodes_per_cell;
+    sb_vec3 u = body->displacement[i], v = body->velocity[i];
+    if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
+                                          body->fixed[i] != SB_XYZ || body->node_component[i] >= 0))
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "free node %d moves or is not held", i);
+    if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
+                             (double)body->lumped_mass[i], (double)mass);
+    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        int found = 0;
+        for (int a = 0; a < n; a++)
+            found |= cell[a] == i;
+        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+    }
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
+{
+    sb_result result = SB_OK;
+    sb_real *mass;
+    size_t used = 0;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
+    if (!body->live)
+        return SB_OK;
+    result = sbi_live_check_slots(&body->live->nodes, body->domain.node_count, "nodes", error);
+    if (result == SB_OK)
+        result = sbi_live_check_slots(&body->live->cells, body->domain.cell_count, "cells", error);
+    if (result != SB_OK)
+        return result;
+    mass = (sb_real *)sbi_alloc_zeroed(&body->allocator, (size_t)body->domain.node_count, sizeof *mass);
+    if (!mass)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to check %d nodes", body->domain.node_count);
+    for (int e = 0; e < body->domain.cell_count && result == SB_OK; e++) {
+        sb_real lumped[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
+        sb_vec3 x[SB_MAX_ELEMENT_NODES];
+        int n = body->domain.nodes_per_cell;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        result = sbi_live_check_cell(body, e, error);
+        if (result != SB_OK || !sb_body_cell_in_use(body, e))
+            continue;
+        used += (size_t)n;
+        for (int a = 0; a < n; a++)
+            x[a] = body->reference[cell[a]];
+        sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, lumped, load);
+        for (int a = 0; a < n; a++)
+            mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
+    }
+    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
+                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
+    for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
+        result = sbi_live_check_node(body, i, mass[i], error);
+    sbi_free(&body->allocator, mass);
+    return result;
+}

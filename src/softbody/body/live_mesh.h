@@ -1,0 +1,126 @@
+/* live_mesh: a body whose mesh changes while it lives: split, cut, eroded, remeshed. Floor 3.
+ *
+ *     sb_body_change *change;
+ *     sb_body_change_begin(body, &change, &error);
+ *     sb_body_change_add_node(change, x, ends, halves, 2, 0, &middle, &error);
+ *     ... remove the cells of the edge, add their halves ...
+ *     if (sb_body_change_commit(change, &error)) sb_body_change_cancel(change);
+ *
+ * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed last
+ * is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
+ * sb_body_element_count count slots, free ones among them (sb_body_node_in_use, sb_body_cell_in_use): arrays by node
+ * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and no
+ * stress.
+ *
+ * What a change does to what is there:
+ * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources. Where the cells made
+ *   weigh what those they replace did, the nodes of the cells that changed then get a common rigid velocity, so that
+ *   linear and angular momentum are what they were, to rounding. Nodes with supports get none of it; momentum that the
+ *   others cannot take (fewer than three, or in one line) goes to the supports.
+ *   Cells removed for good take their mass and its momentum along: velocities stay.
+ * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
+ * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
+ *   (SB_NODE_COPY) is not. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
+ * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
+ *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
+ * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
+ *   removed cell becomes the same material point of the cell made there. Points in space stay.
+ * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
+ * - Others that follow (sb_body_listen): embeddings, contact, needles.
+ *
+ * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
+ * as much again, and they have to be asked for anew. */
+#ifndef SB_LIVE_MESH_H
+#define SB_LIVE_MESH_H
+
+#include "../mesh/mesh_change.h"
+#include "body.h"
+
+typedef struct sb_body_change sb_body_change;
+
+/* Options of a node, to be added. */
+enum {
+    SB_NODE_COPY = 1 /* a copy where material parts: supports do not go over to it */
+};
+
+/* A cell to be made. Start from sb_default_change_cell(). */
+typedef struct sb_change_cell {
+    const int *nodes;     /* as many as the body's elements have, in their order; read during the call */
+    int parent;           /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
+    int region;           /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
+    const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
+    sb_real share;        /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
+                           * stiffness and mass are its share of the whole cell's */
+} sb_change_cell;
+SB_API sb_change_cell sb_default_change_cell(void);
+
+/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the change as it was before
+ * them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is open. SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error);
+
+/* Makes a node at a place of the reference shape (m); *node is its number.
+ * sources, weights  [count] nodes in use before the change or made by it, >= 1; weights >= 0 that sum to 1
+ * flags             0 or SB_NODE_COPY
+ * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
+                                         const sb_real *weights, int count, int flags, int *node, sb_error *error);
+/* Moves a node in the reference shape; its displacement stays. Its cells change shape, also those not named here. */
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error);
+/* Removes a node in use before the change.
+ * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
+SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
+                                            int count, sb_error *error);
+/* Makes a cell; *number (may be NULL) is its number. Nodes may still be to come until the commit. */
+SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change_cell *cell, int *number,
+                                         sb_error *error);
+/* Removes a cell and makes another in its slot. */
+SB_API sb_result sb_body_change_replace_cell(sb_body_change *change, int number, const sb_change_cell *cell,
+                                             sb_error *error);
+SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, sb_error *error);
+
+/* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
+ * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
+ * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would lose
+ * its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what a listener says. */
+SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
+SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
+
+/* ---- readings ---- */
+SB_API int sb_body_node_in_use(const sb_body *body, int node);
+SB_API int sb_body_cell_in_use(const sb_body *body, int cell);
+/* Nodes of a cell in use, or NULL; valid until the next change. */
+SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell);
+/* Share of a cell's volume that is material; 0 for a free one. */
+SB_API sb_real sb_body_cell_share(const sb_body *body, int cell);
+/* [node_count] the reference shape (m). */
+SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body);
+/* Rises with every change, and with every state loaded whose mesh is another; 0: none yet. */
+SB_API int sb_body_mesh_version(const sb_body *body);
+/* The mesh without free slots, in the order of the slots, with regions. nodes [sb_body_node_count] and cells
+ * [sb_body_element_count] become their numbers in it, -1 of free ones; may be NULL. Release with sb_mesh_free.
+ * SB_ERROR_ARGUMENT, SB_ERROR_MEMORY leave all untouched. */
+SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
+                                  int *cells, sb_error *error);
+/* Whether slots, masses, volumes, lists and matrix are what the mesh says: for tests. SB_ERROR_STATE names the first
+ * fault. Allocates scratch (SB_ERROR_MEMORY). */
+SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error);
+
+/* ---- those that follow ---- */
+/* Calls that learn of changes. All members but follow may be NULL. */
+typedef struct sb_body_listener {
+    void *user;
+    /* Before anything changes: takes the memory that following needs, or refuses with an error. */
+    sb_result (*reserve)(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error);
+    /* The change happened. change NULL: the whole mesh is another (a state was loaded). */
+    void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change);
+    /* Another refused after reserve. */
+    void (*give_up)(void *user);
+} sb_body_listener;
+/* Called in the order of registration, after the body's own loads and constraints. *id serves to end it; listeners end
+ * with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY. */
+SB_API sb_result sb_body_listen(sb_body *body, const sb_body_listener *listener, int *id, sb_error *error);
+SB_API sb_result sb_body_unlisten(sb_body *body, int id);
+
+#endif /* SB_LIVE_MESH_H */

@@ -1,0 +1,93 @@
+/* live_private: slots of a mesh that changes, a change under way, and the body with its next mesh. Internal. */
+#ifndef SB_LIVE_PRIVATE_H
+#define SB_LIVE_PRIVATE_H
+
+#include "body_private.h"
+#include "live_mesh.h"
+
+/* Slots of nodes or of cells. The next ones to be used are stack[count - 1] .. stack[0], then fresh, fresh + 1 ...; a
+ * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a change
+ * and its inverse leave no trace. */
+typedef struct sbi_slots {
+    int end;            /* slots in use or free lie below */
+    int fresh;
+    int count;          /* of the stack */
+    int *stack;         /* [capacity] */
+    unsigned char *used;/* [capacity] */
+    int capacity;
+} sbi_slots;
+
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
+SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator);
+/* The next slot, which is used then; -1: full. */
+SBI_API int sbi_slots_take(sbi_slots *slots);
+SBI_API void sbi_slots_give(sbi_slots *slots, int slot);
+SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot);
+
+typedef struct sbi_listener {
+    int id;
+    sb_body_listener calls;
+} sbi_listener;
+
+typedef struct sbi_live {
+    sbi_slots nodes, cells;
+    sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_quadrature_kind rule;  /* of the domain's points */
+    int version;
+    sb_body_change *open;     /* the change under way, or NULL */
+    sbi_listener *listeners;
+    int listener_count, listener_capacity, last_listener;
+} sbi_live;
+
+/* A mesh in slots, as a body is to have it. */
+typedef struct sbi_live_mesh {
+    sbi_slots nodes, cells;
+    sb_vec3 *positions;       /* [nodes.end] */
+    int *corners;             /* [cells.end][n]; 0 in free slots */
+    int *material;            /* [cells.end] index of the region */
+    sb_real *shares;          /* [cells.end] 0: free */
+    int *inherit;             /* [cells.end] cell of the body that it inherits from, or -1: none */
+    unsigned char *kept;      /* [cells.end] 1: it is that cell */
+    sb_vec3 *fibres;          /* [cells.end] unit directions or 0; NULL: the body has none */
+    void *memory;
+} sbi_live_mesh;
+
+/* Makes and frees what a body with slack has besides. */
+SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
+SBI_API void sbi_live_destroy(sb_body *body);
+
+/* Room for a mesh with copies of these slots. */
+SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                         sbi_live_mesh *mesh, sb_error *error);
+/* Room for a mesh with so many slots (end, fresh, count), not filled; no less than the body has room for. */
+SBI_API sb_result sbi_live_mesh_room(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
+                                     sbi_live_mesh *mesh, sb_error *error);
+SBI_API void sbi_live_mesh_free(const sb_body *body, sbi_live_mesh *mesh);
+/* Lists what the body's mesh has in these slots. */
+SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
+
+/* *next = a body like this one with another mesh, at rest, without supports, loads and constraints. SB_ERROR_MESH: a
+ * cell inside out; SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error);
+/* Brings motion, supports, loads and constraints over to it. On failure it is good for sb_body_destroy only. */
+SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
+                                 sb_body *next, sb_error *error);
+/* The same of loads and constraints. */
+SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change *change, sb_body *next,
+                                      sb_error *error);
+/* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
+ * arrays by node. */
+SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Makes a recorded change again. */
+SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
+
+/* Density times share of material; 0 of a free cell. */
+SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
+{
+    sb_real density = body->materials[body->cell_material[cell]].density;
+    return body->live ? density * body->live->shares[cell] : density;
+}
+SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+
+#endif /* SB_LIVE_PRIVATE_H */

@@ -1,0 +1,145 @@
+/* guest: what is solved together with the nodes of a matrix: unknowns of its own, forces on nodes, or both. Floor 1,
+ * internal.
+ *
+ * The system is (A + G) x = b over the nodes' displacements and the guests' unknowns; A is an sb_matrix, G what the guests
+ * answer. A guest sees compact vectors only: its unknowns, then the three components of each of its nodes, in doubles
+ * also where sb_real is float. It never sees the vectors of conjugate gradients, supports or threads. Prescribed
+ * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
+ * there is left out of the equations.
+ *
+ * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
+ *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
+ *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the rod's
+ *     own block solve, in which those nodes take part with the blocks of A among them: `taken_count`, `begin`
+ *   - known displacements and loads: `residual`
+ *   - a first guess in which the rod has moved with what is known, a tolerance relative to what is left after it, and
+ *     a norm in which the rod's stiffness does not count: always done
+ *   - friction states guessed, contradicted and turned over, each time a new block and the solve gone on with: `settle`
+ *   - several needles, rods beside the tissue (no nodes), pivoting over all of them: several guests, or one of all
+ *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`, `commit`,
+ *     `undo`
+ * Contact has no unknowns and changes with the increment: it will add members at the end for the step (forces and
+ * blocks at a trial, slope and acceptance) and use `residual` and `multiply` for cross terms between nodes. */
+#ifndef SB_GUEST_H
+#define SB_GUEST_H
+
+#include "precond.h"
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+
+/* The step that is solved: what a guest needs to write its rows in the step's unknown, the displacement of the nodes over
+ * the step. */
+typedef struct sbi_guest_step {
+    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed) */
+    const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
+    const sb_vec3 *velocity;     /* [row_count] (m/s) */
+    const sb_vec3 *acceleration; /* [row_count] (m/s^2) */
+    double dt;                   /* s; 0: static */
+    double velocity_factor;      /* 1/s: velocity at the end = this times the increment, and known terms */
+    double acceleration_factor;  /* 1/s^2: the same of the acceleration */
+    double level;                /* share of the new forces in the equations: 1 - alpha_f of the generalised alpha method */
+} sbi_guest_step;
+
+typedef struct sbi_guest {
+    void *user;
+    int unknown_count;  /* reals of its own, >= 0 */
+    double *unknown;    /* [unknown_count] in: the start; out: the solution */
+    int node_count;     /* nodes that its forces act on, >= 0 */
+    const int *nodes;   /* [node_count] rows of the matrix, each once */
+    int taken_count;    /* the first so many of `nodes` have their equations solved in its block; no two guests take one */
+
+    /* x and y are [unknown_count + 3 node_count] */
+    void (*residual)(void *user, const double *x, double *y);     /* y = its loads - G x */
+    void (*multiply)(void *user, const double *x, double *y);     /* y = G x; symmetric, A + G positive definite */
+    /* [unknown_count + 3 taken_count]: z = (G + A)^-1 r of these rows alone, or what is near: symmetric, positive definite.
+     * NULL: it has no rows of its own */
+    void (*precondition)(void *user, const double *r, double *z);
+
+    /* optional */
+    /* After the tangent is made, before the solve: takes what it needs of the step and factors its block. What it
+     * returns as an error undoes the step. */
+    sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
+    /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
+     * solve must go on. */
+    int (*settle)(void *user, const double *x);
+    void (*commit)(void *user);  /* the step is done: takes over its motion */
+    void (*undo)(void *user);    /* the step has failed: as before begin */
+} sbi_guest;
+
+typedef struct sbi_guests {
+    const sbi_guest *const *list; /* [count] */
+    int count;
+} sbi_guests;
+
+/* ---- what a solve keeps of them ---- */
+
+typedef struct sbi_guest_work {
+    const sbi_guest *guest;
+    int part;             /* of the matrix, or of its own, that its equations belong to */
+    int done;             /* 1: nothing is to be done in this round */
+    size_t size, width;   /* unknowns and taken components; unknowns and all components */
+    double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
+    double *search, *start;                          /* [unknown_count] */
+    double *in, *out;                                /* [width] */
+    double sums[2];       /* its share of the sums at work */
+} sbi_guest_work;
+
+/* Equations of taken nodes live in the residuals and products of their guests: those of the nodes are 0 there. So the
+ * preconditioner of the matrix sees nothing of them. */
+typedef struct sbi_guest_space {
+    int count;
+    sbi_guest_work *work; /* [count] */
+    double scale;         /* mean diagonal of the matrix (N/m) */
+    const sb_matrix *matrix;
+    sb_real *rest, *spare; /* [row_count][3] */
+    /* blocks of taken nodes while the preconditioner is made without them, and their masks */
+    sb_real (*kept)[9];
+    size_t kept_room, kept_count;
+    unsigned char *kept_fixed;
+} sbi_guest_space;
+
+/* 1: the counts can be those of guests of so many rows. */
+SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows);
+/* SB_ERROR_INDEX (a node outside, or twice in a guest, or taken twice: error->node) or SB_ERROR_ARGUMENT. marks[rows] is
+ * for scratch. */
+SBI_API sb_result sbi_guests_check(const sbi_guests *guests, int rows, int *marks, sb_error *error);
+/* Hands out the arrays of a space; see sbi_arena. */
+SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, const sb_matrix *matrix,
+                                    sbi_arena *arena);
+/* Blocks that sbi_guest_remove_taken keeps. */
+SBI_API size_t sbi_guests_taken_blocks(const sbi_guests *guests, const sb_matrix *matrix);
+/* Taken nodes become prescribed, to 0, and the matrix what it was, to the bit. */
+SBI_API void sbi_guest_remove_taken(sbi_guest_space *space, sb_matrix *matrix);
+SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
+
+/* Prescribed components of their nodes are made to meet their equations. */
+SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
+/* r += loads - G x, and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
+ * `held`. */
+SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
+/* q += G p, and takes what is theirs; sums[0] = p.Gp. */
+SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
+/* block = that of the residual; sums[0] = residual.block in the units of |r|^2: the force on the mean node that would do as
+ * much work. */
+SBI_API void sbi_guest_measure(sbi_guest_space *space);
+/* x, unknowns += block, and r, residuals -= A + G times that. x, unknowns stay when x is NULL. v [row_count][3] is for
+ * scratch. */
+SBI_API void sbi_guest_guess(sbi_guest_space *space, sb_real *x, sb_real *r, sb_real *v);
+/* The unknowns as they were given: kept, and put back. Then: unknowns += factor search, residual -= factor product, of one */
+SBI_API void sbi_guest_keep_start(sbi_guest_work *work);
+SBI_API void sbi_guest_go_back(sbi_guest_work *work);
+SBI_API void sbi_guest_advance(sbi_guest_work *work, double factor);
+/* search = correction + factor search (fresh: correction) */
+SBI_API void sbi_guest_direct(sbi_guest_work *work, double factor, int fresh);
+/* z, correction = M^-1 of r, residual, M symmetric and positive definite. size: as of sbi_precond_apply. */
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
+                                    double size);
+/* sums = residual.correction, product.correction (fresh: 0) */
+SBI_API void sbi_guest_dots(sbi_guest_work *work, int fresh);
+/* sum += residuals of its taken nodes */
+SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
+/* x of all guests to their settle calls; 1 when one has changed its rows. */
+SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
+#endif
+
+#endif /* SB_GUEST_H */
