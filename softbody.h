@@ -28191,6 +28191,7 @@ typedef struct sbi_live_key {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
+    unsigned version;        /* how many changes there were, from 1 */
     int *room;               /* [row_capacity] places of the row's piece */
     int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
     unsigned char *in_use;   /* [row_capacity] */
@@ -28230,6 +28231,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
@@ -28927,6 +28930,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
 }
 
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
+
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
     int count = 0;
@@ -29427,6 +29432,7 @@ static void sbi_live_begin(sb_matrix *matrix)
     sbi_matrix_live *live = matrix->live;
     live->touched_count = 0;
     live->repacked = 0;
+    live->version++;
     if (live->pack)
         sbi_live_pack(matrix);
     live->pack = 0;
@@ -29507,6 +29513,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sb_matrix made = *matrix;
     live->row_capacity = rows;
     live->block_capacity = blocks;
+    live->version = 1;
     live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
     live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
     if (!live->pool_memory) {
@@ -30364,6 +30371,7 @@ struct sb_direct {
     void *memory;         /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int *position;        /* [node_count] column of a node */
     int *node;            /* [node_count] node of a column */
     sbi_direct_piece *pieces;
@@ -30743,7 +30751,8 @@ SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pat
         made->allocator = *allocator;
     made->kind = def ? (int)def->kind : (int)ordinary.kind;
     made->node_count = pattern->row_count;
-    made->block_count = pattern->block_count;
+    made->block_count = sbi_matrix_used_blocks(pattern);
+    made->pattern_version = sbi_matrix_version(pattern);
     made->info.unknowns = 3 * pattern->row_count;
     result = sbi_direct_analyse(made, pattern, def ? def->positions : NULL, error);
     if (result != SB_OK) {
@@ -30883,7 +30892,8 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     sb_result result = SB_OK;
     size_t used = 0;
     int depth = 0;
-    if (!direct || !matrix || matrix->row_count != direct->node_count || matrix->block_count != direct->block_count)
+    if (!direct || !matrix || matrix->row_count != direct->node_count ||
+        sbi_matrix_used_blocks(matrix) != direct->block_count || sbi_matrix_version(matrix) != direct->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix is not of the pattern the solver was made for");
     direct->ready = 0;
     direct->info.least_pivot = 0;
@@ -33091,13 +33101,13 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     const sbi_mg_level *level = work->level;
     const double own = 1 / ((double)level->scale[4 * (size_t)i + 3] * (double)SBI_MG_ONE);
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
         if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
             continue;
         for (int e = 0; e < 9; e++)
-            lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
+            lost[e] += (double)work->matrix->blocks[at][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
@@ -33110,12 +33120,12 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
-        int i = group->rows[k];
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+        int i = group->rows[k], at = work->matrix->row_start[i];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
             for (int e = 0; e < 9; e++)
-                group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
+                group->matrix.blocks[own][e] = work->matrix->blocks[at][e] * scale;
             own++;
         }
         sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);
@@ -33353,19 +33363,23 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
 {
-    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)sbi_matrix_used_blocks(pattern);
+    int end = 0;
     level->row_count = pattern->row_count;
-    level->block_count = pattern->block_count;
+    level->block_count = (int)blocks;
     level->row_start = sbi_mg_take_ints(m, rows + 1);
     level->columns = sbi_mg_take_ints(m, blocks);
     level->diagonal = sbi_mg_take_ints(m, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
-    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
-    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
-    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
-    for (int i = 0; i < level->row_count; i++)
-        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
+    level->row_start[0] = 0;
+    for (int i = 0; i < level->row_count; i++) { /* without the gaps that rows of a live matrix have between them */
+        int length = pattern->row_end[i] - pattern->row_start[i];
+        memcpy(level->columns + end, pattern->columns + pattern->row_start[i], (size_t)length * sizeof(int));
+        level->diagonal[i] = end + pattern->diagonal[i] - pattern->row_start[i];
+        level->row_start[i + 1] = end += length;
+        m->longest_row = sbi_max_int(m->longest_row, length);
+    }
     return sbi_mg_take_values(m, level);
 }
 
@@ -33978,10 +33992,11 @@ static int sbi_mg_invert(const float *block, float *inverse)
 static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real *block = work->matrix->blocks[level->diagonal[i]];
+    const sb_real *block = work->matrix->blocks[work->matrix->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
+    int later = work->matrix->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)];
     double largest = 0, inverse;
-    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
+    SBI_PREFETCH(work->matrix->blocks[later], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -34042,20 +34057,21 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, which is `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
  * in 16 without. */
-SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const float *block, float own, float other,
-                                         int *bad)
+SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
+                                         float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(work->matrix->blocks[q], (double)own * (double)other * (work->scale * SBI_MG_WORD),
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
                           level->packed + 9 * q, level->rest + 9 * q, bad);
         return;
     }
 #endif
     (void)bad;
+    (void)from;
     sbi_mg_pack(block, (own * other) * SBI_MG_ONE, level->packed + 9 * q);
 }
 
@@ -34064,7 +34080,7 @@ SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, cons
 static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real(*from)[9] = (const sb_real(*)[9])work->matrix->blocks + work->matrix->row_start[i];
     const sb_real scale = (sb_real)work->scale;
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
@@ -34073,16 +34089,16 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
-    for (int q = level->row_start[i]; q < last; q++) {
+    for (int q = level->row_start[i]; q < last; q++, from++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
-        sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack_finest(work, (size_t)q, block, own, scales[4 * (size_t)j + 3], &bad);
+        sbi_mg_round_block(*from, scale, block);
+        sbi_mg_pack_finest(work, (size_t)q, *from, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
@@ -34167,8 +34183,8 @@ static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
     const sbi_mg_level *level = work->level;
     const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
+        const sb_real *from = work->matrix->blocks[at];
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_ONE);
         for (int k = 0; k < 9; k++)
@@ -35264,6 +35280,7 @@ struct sb_preconditioner {
     int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -35670,7 +35687,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -35885,8 +35902,9 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
-    p->block_count = pattern->block_count;
-    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
+    p->block_count = sbi_matrix_used_blocks(pattern);
+    p->lower_count = (p->block_count - pattern->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(pattern);
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
@@ -35926,7 +35944,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
+    if (!p || !matrix || matrix->row_count != p->row_count ||
+        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -36013,7 +36032,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
                                           const sb_vec3 *positions, sb_error *error)
 {
     sbi_precond_updating work;
-    double scale;
+    double scale = 1;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
@@ -36214,7 +36233,7 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     for (int k = 0; k < p->row_count; k++) {
         int i = p->order[k], begin = end;
         p->start[k] = begin;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q], e = end;
             if (place[j] >= k)
                 continue;
@@ -36851,12 +36870,14 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
         memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_start[entry_of[q] + 2]++;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_start[entry_of[q] + 2]++;
         for (int e = 0; e < entries; e++)
             c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
     }
     sbi_free(&p->allocator, scratch);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
@@ -36982,10 +37003,11 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
               z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
@@ -41317,7 +41339,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew, which takes a hundredth of the next evaluation of forces. */
+ * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -41334,6 +41356,8 @@ typedef struct sbi_assembly_live {
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
     uint64_t *node_colours; /* [node_capacity] scratch */
+    int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
+    int *chunk_node_count; /* [chunks] */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
@@ -42247,18 +42271,30 @@ static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
     return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
 }
 
+/* Nodes of a chunk, of which some may be listed more than once. */
+static void sbi_assembly_chunk_nodes(const sbi_assembly *assembly, int chunk, const int **first, const int **end)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell;
+    if (assembly->live) {
+        *first = assembly->live->chunk_nodes + 4 * (size_t)chunk * (size_t)assembly->chunk_size;
+        *end = *first + assembly->live->chunk_node_count[chunk];
+        return;
+    }
+    *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
+    *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+}
+
 /* Colour of a chunk: the first that none of its nodes has; nodes remember theirs as bits. Beyond 63 colours (one
  * node shared by very many cells) each chunk gets a colour of its own. */
 static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, uint64_t *node_colours, int *next)
 {
-    const sb_domain *domain = assembly->domain;
-    size_t n = (size_t)domain->nodes_per_cell;
-    const int *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
-    const int *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+    const int *first, *end;
     uint64_t taken = 0;
     int colour = 0;
+    sbi_assembly_chunk_nodes(assembly, chunk, &first, &end);
     for (const int *node = first; node < end; node++)
-        taken |= *node < 0 ? 0 : node_colours[*node];
+        taken |= node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -42266,8 +42302,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        if (*node >= 0)
-            node_colours[*node] |= (uint64_t)1 << colour;
+        node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
@@ -42343,10 +42378,11 @@ SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix,
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
-    sbi_assembly_colour(assembly, node_colours);
+    if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        if (assembly->domain->cell_capacity == 0)
             sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }
@@ -43345,6 +43381,8 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
     live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
     live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
     live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
@@ -43433,14 +43471,18 @@ static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix
     }
 }
 
-/* ---- energy units ----------------------------------------------------------------------------------------- */
+/* ---- chunks ------------------------------------------------------------------------------------------------ */
+
+static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
 
 static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
 {
-    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
-    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
     sb_real sum = 0;
-    for (int e = begin; e < end; e++) {
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
@@ -43461,6 +43503,22 @@ SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
     sbi_assembly_sum_units(assembly);
 }
 
+/* Lists the nodes of a chunk's cells. */
+static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
+{
+    const int *cells = assembly->domain->cells;
+    sbi_assembly_live *live = assembly->live;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
+    for (int k = first; k < end; k++)
+        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+            live->marks[cells[k]] = 1;
+            live->chunk_nodes[first + count++] = cells[k];
+        }
+    for (int k = first; k < first + count; k++)
+        live->marks[live->chunk_nodes[k]] = 0;
+    live->chunk_node_count[chunk] = count;
+}
+
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
@@ -43476,6 +43534,9 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     }
     for (int i = 0; i < matrix->row_count; i++)
         sbi_assembly_map_row(assembly, matrix, i);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
@@ -43586,6 +43647,8 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
     memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
+    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
@@ -43727,22 +43790,27 @@ static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *m
     }
 }
 
-static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+/* Marks the chunks of changed cells. */
+static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
 {
     for (int k = 0; k < count; k++)
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units of chunks with changed cells. */
-static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+/* Energy units and nodes of chunks with changed cells, and all colours. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
-    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    sbi_assembly_live *live = assembly->live;
+    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (assembly->live->units[chunk] < 0)
+        if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
+            sbi_assembly_list_nodes(assembly, chunk);
+        }
     sbi_assembly_sum_units(assembly);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
@@ -43754,8 +43822,7 @@ SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     sbi_assembly_follow_cells(assembly, change, old_end);
     sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_units(assembly, change);
-    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    sbi_assembly_follow_chunks(assembly, change);
     if (assembly->viscous)
         sbi_assembly_begin_step(assembly, 0);
 }
