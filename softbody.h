@@ -50244,6 +50244,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
