@@ -893,14 +893,14 @@ typedef struct reg_match_info {
     int pcg_iterations;       /* of the last step */
     double seconds;           /* of all steps; with a clock, as are those of the last step: */
     double seconds_field;     /* looking for the target, */
-    double seconds_system;    /* forces and tangent, */
+    double seconds_system;    /* forces, tangent and preconditioner, */
     double seconds_solve;     /* and the linear system */
     sb_error error;           /* of a call that failed */
 } reg_match_info;
 
 /* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
- * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements, or one
- * that is being recorded), what reg_field_create says of the target and sb_embedding_create of the surface (points far
+ * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements),
+ * what reg_field_create says of the target and sb_embedding_create of the surface (points far
  * outside included), SB_ERROR_MEMORY; *match is then untouched. All memory that steps need is taken here. */
 REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, sb_error *error);
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
@@ -908,8 +908,9 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
  * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
- * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints or is being recorded. Allocates
- * nothing. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
+ * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints. A recording of
+ * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
+ * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
  * follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
@@ -1059,16 +1060,14 @@ typedef struct reg_nicp_info {
 /* Makes a registration; the body's shape is not touched, its loads get the penalties, with no force yet.
  * SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no Young's modulus to measure the penalty
  * with), what reg_field_create says of the target, what sb_surface_create, sb_embedding_create and sb_grid_map_points
- * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements, or one that is being
- * recorded), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
+ * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
 REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error);
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, SB_ERROR_UNSUPPORTED while the body is being recorded, and what
- * sb_body_solve_static says. Allocates nothing. The same bits for
- * any number of threads. */
+ * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number
+ * of threads. A recording of the body holds the penalties and the balance, and replays without the registration. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
  * SB_OK, and info->stop says which. Errors as of a step. */
@@ -1194,7 +1193,7 @@ typedef struct reg_loads_info {
  * forces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL
  * info    or NULL
  * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,
- * mappings or constraints, or one that is being recorded), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE,
+ * mappings or constraints), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE,
  * SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the
  * body is then as before and forces are untouched. All memory is taken at the beginning and released at the end.
  * Deterministic. */
@@ -6088,6 +6087,10 @@ struct reg_match {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
+    sb_mesh mesh;              /* the body's at rest, borrowed */
+    const sb_vec3 *shape;      /* [nodes] displacements at which charges are looked at: the body's, borrowed */
+    sbi_potential *potential;  /* rows of charges and landmarks */
+    double electric;           /* energy of the last look (J) */
     reg_field *field;
     reg_match_method method;
     int partial;
@@ -6106,10 +6109,8 @@ struct reg_match {
     sb_real *weights;          /* [charges and landmarks][width] */
     sb_vec3 *gradients;        /* [charges][width] of the weights, at rest (1/m) */
     sb_vec3 *targets;          /* [landmark_count], in the order of the def */
-    sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
     sb_vec3 *trial;            /* [nodes] */
     sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
-    sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
     sb_real volume;            /* of the organ at rest (m^3) */
 
@@ -6121,15 +6122,17 @@ struct reg_match {
     reg_match_info info;
 };
 
-/* The body's mesh at rest, borrowed. */
-REGI_API sb_mesh regi_match_mesh(const sb_body *body);
 /* Where a charge or landmark is now (m). */
 REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge);
 /* Looks at the target: fills the charges' last look and the distances of the info. Returns the electric energy (J). */
 REGI_API double regi_match_look(reg_match *match);
-/* Takes the body's increment, shortened so that no node moves more than a tenth of the organ's size and until the
- * material admits the shape. On failure match->info.error says why, and the body is as it was. */
-REGI_API sb_result regi_match_move(reg_match *match);
+/* sbi_potential_fill of a match: looks, and fills the rows of charges and landmarks. */
+REGI_API void regi_match_fill(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
+/* trial = the body's shape and the increment[nodes], shortened so that no node moves more than a tenth of the organ's size
+ * and until the material admits the shape. On failure match->info.error says why. */
+REGI_API sb_result regi_match_shorten(reg_match *match, const sb_vec3 *increment);
+/* The nodes of the element that holds a charge or landmark. */
+REGI_API const int *regi_match_nodes(const reg_match *match, int charge);
 
 #endif /* REG_MATCH_PRIVATE_H */
 
@@ -6220,13 +6223,11 @@ static sb_result regi_match_check(const reg_match_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no method %d of matching", (int)def->method);
     if (def->partial != SB_AUTO && def->partial != 0 && def->partial != 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "partial is %d, not 0, 1 or SB_AUTO", def->partial);
-    if (def->body->elimination)
+    if (sbi_body_has_constraints(def->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body with constraints cannot be matched");
-    if (def->body->domain.element_type == SB_CUSTOM)
+    if (sbi_body_mesh(def->body).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be matched");
-    result = sbi_body_check_unrecorded(def->body, error);
-    if (result == SB_OK)
-        result = regi_match_check_numbers(def, error);
+    result = regi_match_check_numbers(def, error);
     return result == SB_OK ? regi_match_check_landmarks(def, error) : result;
 }
 
@@ -6299,22 +6300,10 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
     return result;
 }
 
-REGI_API sb_mesh regi_match_mesh(const sb_body *body)
-{
-    sb_mesh mesh;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.node_count = body->domain.node_count;
-    mesh.nodes = body->reference;
-    mesh.element_type = body->domain.element_type;
-    mesh.element_count = body->domain.cell_count;
-    mesh.elements = body->domain.cells;
-    return mesh;
-}
-
 /* Charges of the def's surface, or of the body's boundary. */
 static sb_result regi_match_find_sites(const reg_match_def *def, regi_match_sites *sites, sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     memset(sites, 0, sizeof *sites);
@@ -6363,7 +6352,7 @@ static sb_result regi_match_embed(const sb_mesh *mesh, const sb_vec3 *points, in
     embed.kind = SB_EMBED_PLAIN;
     embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
-    embed.jobs = def->body->jobs;
+    embed.jobs = *sbi_body_jobs(def->body);
     return sb_embedding_create(&embed, embedding, error);
 }
 
@@ -6395,15 +6384,13 @@ static void regi_match_settle_points(const sb_embedding *embedding, const sb_mes
 static void regi_match_layout(reg_match *match, sbi_arena *arena)
 {
     size_t charges = (size_t)match->charge_count, all = charges + (size_t)match->landmark_count;
-    size_t width = (size_t)match->width, nodes = (size_t)match->body->domain.node_count;
+    size_t width = (size_t)match->width, nodes = (size_t)match->mesh.node_count;
     match->charges = (regi_match_charge *)sbi_arena_take(arena, all, sizeof(regi_match_charge));
     match->weights = (sb_real *)sbi_arena_take(arena, all, width * sizeof(sb_real));
     match->gradients = (sb_vec3 *)sbi_arena_take(arena, charges, width * sizeof(sb_vec3));
     match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
-    match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->last = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
 }
 
 static sb_result regi_match_allocate(reg_match *match, sb_error *error)
@@ -6423,7 +6410,7 @@ static sb_result regi_match_allocate(reg_match *match, sb_error *error)
 static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_match_sites *sites,
                                  sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(match->body);
+    sb_mesh mesh = match->mesh;
     size_t charges = (size_t)match->charge_count;
     for (int kind = 0; kind < 2; kind++) {
         const sb_vec3 *points = kind == 0 ? sites->points : def->landmarks;
@@ -6462,7 +6449,7 @@ static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, con
 static sb_result regi_match_make_field(reg_match *match, const reg_match_def *def, sb_error *error)
 {
     reg_field_def field = reg_default_field_def();
-    sb_mesh mesh = regi_match_mesh(match->body);
+    sb_mesh mesh = match->mesh;
     field.kind = def->method == REG_PBSM_LAPLACE ? REG_FIELD_LAPLACE : REG_FIELD_DISTANCE;
     field.surface = def->target;
     field.points = def->target_points;
@@ -6470,32 +6457,25 @@ static sb_result regi_match_make_field(reg_match *match, const reg_match_def *de
     field.point_count = def->target_count;
     field.cells = def->cells;
     field.allocator = def->allocator;
-    field.jobs = match->body->jobs;
+    field.jobs = *sbi_body_jobs(match->body);
     sb_mesh_bounds(&mesh, &field.low, &field.high);
     return reg_field_create(&field, &match->field, error);
 }
 
-/* What charges are measured with: Young's modulus, as mean over the elements. */
-static sb_real regi_match_young(const sb_body *body)
-{
-    double sum = 0;
-    for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    return (sb_real)(sum / (double)body->domain.cell_count);
-}
-
 static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(&mesh, &low, &high);
     match->body = def->body;
+    match->mesh = mesh;
+    match->shape = sb_body_displacements(def->body);
     match->clock = def->clock;
     match->method = def->method;
     match->width = sb_mesh_element_width(&mesh);
     match->size = sb_v3_norm(sb_v3_sub(high, low));
-    match->young = regi_match_young(def->body);
+    match->young = sbi_body_young(def->body); /* what charges are measured with */
     if (!sb_is_finite(match->young) || !(match->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)match->young);
     match->rounding = (sb_real)0.5 * def->sampling * match->size;
@@ -6516,6 +6496,35 @@ static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_e
     return SB_OK;
 }
 
+/* Rows of charges and landmarks, for the body's solver. */
+static sb_result regi_match_make_potential(reg_match *match, sb_error *error)
+{
+    size_t rows = (size_t)match->charge_count + (size_t)match->landmark_count, width = (size_t)match->width;
+    int *start, *nodes;
+    sb_mapping mapping;
+    sb_result result = SB_OK;
+    if (rows * width > INT32_MAX)
+        return sbi_fail(error, SB_ERROR_MEMORY, "%d charges have too many nodes", match->charge_count);
+    start = (int *)sbi_alloc(&match->allocator, rows + 1, sizeof(int));
+    nodes = (int *)sbi_alloc(&match->allocator, rows * width, sizeof(int));
+    if (!start || !nodes)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d charges", match->charge_count);
+    for (size_t i = 0; i <= rows && result == SB_OK; i++)
+        start[i] = (int)(i * width);
+    for (size_t i = 0; i < rows && result == SB_OK; i++)
+        memcpy(nodes + i * width, regi_match_nodes(match, (int)i), width * sizeof(int));
+    mapping.row_count = (int)rows;
+    mapping.row_start = start;
+    mapping.nodes = nodes;
+    mapping.weights = match->weights;
+    if (result == SB_OK)
+        result = sbi_potential_create(match->body, &mapping, regi_match_fill, match, &match->allocator,
+                                      &match->potential, error);
+    sbi_free(&match->allocator, start);
+    sbi_free(&match->allocator, nodes);
+    return result;
+}
+
 static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
 {
     regi_match_sites sites;
@@ -6533,6 +6542,8 @@ static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb
     if (result == SB_OK)
         result = regi_match_hold(match, def, &sites, error);
     regi_match_free_sites(&def->allocator, &sites);
+    if (result == SB_OK)
+        result = regi_match_make_potential(match, error);
     if (result == SB_OK && match->landmark_count)
         memcpy(match->targets, def->landmark_targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     return result;
@@ -6567,6 +6578,7 @@ REG_API void reg_match_destroy(reg_match *match)
         return;
     allocator = match->allocator;
     reg_field_destroy(match->field);
+    sbi_potential_destroy(match->potential);
     sbi_free(&allocator, match->memory);
     sbi_free(&allocator, match);
 }
@@ -6651,9 +6663,9 @@ REG_API sb_result reg_match_get_sample(const reg_match *match, int index, reg_ma
 
 static double regi_match_now(const reg_match *match) { return match->clock ? match->clock() : 0.0; }
 
-static const int *regi_match_nodes(const reg_match *match, int charge)
+REGI_API const int *regi_match_nodes(const reg_match *match, int charge)
 {
-    return match->body->domain.cells + (size_t)match->charges[charge].element * (size_t)match->width;
+    return match->mesh.elements + (size_t)match->charges[charge].element * (size_t)match->width;
 }
 
 REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge)
@@ -6662,7 +6674,7 @@ REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge)
     const sb_real *weights = match->weights + (size_t)charge * (size_t)match->width;
     sb_vec3 x = sb_v3(0, 0, 0);
     for (int a = 0; a < match->width; a++)
-        x = sb_v3_madd(x, weights[a], match->body->position[nodes[a]]);
+        x = sb_v3_madd(x, weights[a], sb_v3_add(match->mesh.nodes[nodes[a]], match->shape[nodes[a]]));
     return x;
 }
 
@@ -6677,7 +6689,7 @@ static sb_vec3 regi_match_normal(const reg_match *match, int charge)
     sb_mat3 f = sb_m3_zero();
     sb_real length;
     for (int a = 0; a < match->width; a++)
-        f = sb_m3_add(f, sb_m3_outer(match->body->position[nodes[a]], gradients[a]));
+        f = sb_m3_add(f, sb_m3_outer(sb_v3_add(match->mesh.nodes[nodes[a]], match->shape[nodes[a]]), gradients[a]));
     for (int c = 0; c < 3; c++)
         r[c] = sb_v3(f.m[0][c], f.m[1][c], f.m[2][c]);
     normal = sb_v3_scale(rest.x, sb_v3_cross(r[1], r[2]));
@@ -6754,7 +6766,7 @@ REGI_API double regi_match_look(reg_match *match)
     double area = 0, mean = 0, energy = 0;
     sb_real most = 0;
     int chunks = (match->charge_count + REGI_MATCH_CHUNK - 1) / REGI_MATCH_CHUNK;
-    sbi_run(&match->body->jobs, regi_match_look_chunk, match, chunks);
+    sbi_run(sbi_body_jobs(match->body), regi_match_look_chunk, match, chunks);
     for (int i = 0; i < match->charge_count; i++) {
         const regi_match_charge *charge = match->charges + i;
         if (!charge->active)
@@ -6772,158 +6784,41 @@ REGI_API double regi_match_look(reg_match *match)
 
 /* ---- the system ---- */
 
-/* Adds `scale` line line^T of one charge to the element's stiffness, of which the blocks from the diagonal to the right
- * are kept. */
-static void regi_match_add_line(sb_real *local, int width, const sb_real *weights, sb_vec3 line, sb_real scale)
+/* Charges pull against the slope of the potential, landmarks are springs to where they are seen: sbi_potential_fill. */
+REGI_API void regi_match_fill(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines)
 {
-    sb_real v[3 * SB_MAX_ELEMENT_NODES];
-    int size = 3 * width;
-    for (int a = 0; a < width; a++) {
-        v[3 * a] = weights[a] * line.x;
-        v[3 * a + 1] = weights[a] * line.y;
-        v[3 * a + 2] = weights[a] * line.z;
-    }
-    for (int i = 0; i < size; i++) {
-        sb_real s = scale * v[i], *SB_RESTRICT row = local + i * size;
-        for (int j = i - i % 3; j < size; j++)
-            row[j] += s * v[j];
-    }
-}
-
-static void regi_match_pull_nodes(reg_match *match, int index, sb_vec3 force)
-{
-    const int *nodes = regi_match_nodes(match, index);
-    const sb_real *weights = match->weights + (size_t)index * (size_t)match->width;
-    for (int a = 0; a < match->width; a++)
-        match->pull[nodes[a]] = sb_v3_madd(match->pull[nodes[a]], weights[a], force);
-}
-
-/* The element's stiffness to its blocks of the matrix. */
-static void regi_match_scatter(reg_match *match, int index)
-{
-    sb_matrix *matrix = &match->body->matrix;
-    const int *nodes = regi_match_nodes(match, index);
-    size_t size = 3 * (size_t)match->width;
-    for (int a = 0; a < match->width; a++)
-        for (int b = a; b < match->width; b++) {
-            int at = sb_matrix_find(matrix, nodes[a], nodes[b]);
-            sb_real *block = matrix->blocks[at], *mirror = matrix->blocks[matrix->transpose[at]];
-            const sb_real *from = match->local + 3 * (size_t)a * size + 3 * (size_t)b;
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) {
-                    block[3 * i + j] += from[(size_t)i * size + (size_t)j];
-                    if (b != a)
-                        mirror[3 * j + i] += from[(size_t)i * size + (size_t)j];
-                }
-        }
-}
-
-/* Charges pull against the slope of the potential. */
-static void regi_match_add_charges(reg_match *match)
-{
-    size_t bytes = 9 * (size_t)match->width * (size_t)match->width * sizeof(sb_real);
+    reg_match *match = (reg_match *)user;
+    double begin = regi_match_now(match);
     sb_real q = match->charge * match->young;
-    for (int i = 0; i < match->charge_count;) {
-        int first = i, any = 0;
-        memset(match->local, 0, bytes);
-        for (; i < match->charge_count && match->charges[i].element == match->charges[first].element; i++) {
-            const regi_match_charge *charge = match->charges + i;
-            if (!charge->active)
-                continue;
-            any = 1;
-            regi_match_pull_nodes(match, i, sb_v3_scale(-q * charge->area, charge->force));
-            regi_match_add_line(match->local, match->width, match->weights + (size_t)i * (size_t)match->width,
-                                charge->line, q * charge->area * charge->stiffness);
-        }
-        if (any)
-            regi_match_scatter(match, first);
-    }
-}
-
-/* Landmarks are springs to where they are seen. */
-static void regi_match_add_landmarks(reg_match *match)
-{
-    size_t bytes = 9 * (size_t)match->width * (size_t)match->width * sizeof(sb_real);
+    match->shape = u;
+    match->electric = regi_match_look(match);
     match->info.landmark_distance = 0;
+    for (int i = 0; i < match->charge_count; i++) {
+        const regi_match_charge *charge = match->charges + i;
+        sb_real weight = charge->active ? q * charge->area : 0;
+        force[i] = charge->active ? sb_v3_scale(-weight, charge->force) : sb_v3(0, 0, 0);
+        stiffness[i] = charge->active ? weight * charge->stiffness : 0;
+        lines[i] = charge->active ? charge->line : sb_v3(0, 0, 0);
+    }
     for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++) {
         sb_vec3 gap = sb_v3_sub(match->targets[match->charges[i].index], regi_match_point(match, i));
-        memset(match->local, 0, bytes);
-        for (int axis = 0; axis < 3; axis++)
-            regi_match_add_line(match->local, match->width, match->weights + (size_t)i * (size_t)match->width,
-                                sb_v3(axis == 0, axis == 1, axis == 2), match->landmark_stiffness);
-        regi_match_pull_nodes(match, i, sb_v3_scale(match->landmark_stiffness, gap));
-        regi_match_scatter(match, i);
+        force[i] = sb_v3_scale(match->landmark_stiffness, gap);
+        stiffness[i] = match->landmark_stiffness;
+        lines[i] = sb_v3(0, 0, 0);
         match->info.landmark_distance = sb_max(match->info.landmark_distance, sb_v3_norm(gap));
     }
-}
-
-/* Rigid motions that nothing holds would leave the matrix singular: this much stiffness is far below what a charge
- * adds. Source of the mass: any positive diagonal would do. */
-static sb_real regi_match_mass_factor(const reg_match *match)
-{
-    sb_real mass = sb_body_mass(match->body);
-    return mass > 0 ? (sb_real)1e-4 * match->young * match->size / mass : 0;
-}
-
-/* matrix and rhs of the step; supports go where they are to be. */
-static sb_result regi_match_assemble(reg_match *match, sb_real *elastic)
-{
-    sb_body *b = match->body;
-    int n = b->domain.node_count, bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
-    b->force_current = bad < 0;
-    if (bad < 0)
-        bad = sbi_assembly_energy(&b->assembly, b->displacement, elastic);
-    if (bad >= 0)
-        return sbi_fail_element(&match->info.error, SB_ERROR_INVERTED, bad,
-                                "element %d is inside out, which its material does not allow", bad);
-    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
-    sbi_body_add_mass(b, regi_match_mass_factor(match));
-    memset(match->pull, 0, (size_t)n * sizeof(sb_vec3));
-    regi_match_add_charges(match);
-    regi_match_add_landmarks(match);
-    if (b->load_count) {
-        sbi_loads_add_tangent(b, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
-        (void)sbi_loads_force(b, b->displacement, 1);
-    }
-    for (int i = 0; i < n; i++) {
-        sb_vec3 force = sb_v3_add(sb_v3_sub(match->pull[i], b->internal[i]), b->dead_load[i]);
-        force = sb_v3_madd(force, b->load_mass[i], b->gravity);
-        b->rhs[i] = b->load_count ? sb_v3_add(force, b->follower[i]) : force;
-        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sb_v3_sub(b->target[i], b->displacement[i]), sb_v3(0, 0, 0));
-    }
-    return SB_OK;
-}
-
-static sb_result regi_match_solve(reg_match *match)
-{
-    sb_body *b = match->body;
-    sb_pcg_options options = sb_default_pcg_options();
-    sb_pcg_info pcg;
-    sb_result result;
-    memset(&pcg, 0, sizeof pcg);
-    sbi_matrix_constrain(&b->matrix, b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, b->precond, &b->matrix, &match->info.error);
-    if (result != SB_OK)
-        return result;
-    options.tolerance = 1e-2; /* the next step sees what is left */
-    options.max_iterations = b->max_iterations;
-    options.jobs = &b->jobs;
-    result = sb_pcg_solve(&b->matrix, b->precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
-    match->info.pcg_iterations = pcg.iterations;
-    if (result == SB_ERROR_NOT_CONVERGED)
-        return SB_OK;
-    return result == SB_OK ? SB_OK
-                           : sbi_fail(&match->info.error, result, "the system of a match could not be solved");
+    match->shape = sb_body_displacements(match->body);
+    match->info.seconds_field = regi_match_now(match) - begin;
 }
 
 /* ---- moving ---- */
 
-/* Largest component of the increment; not finite when one is not. */
-static sb_real regi_match_largest(const sb_body *b)
+/* Length of the longest increment; not finite when one is not. */
+static sb_real regi_match_largest(const sb_vec3 *increment, int count)
 {
     sb_real most = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_real length = sb_v3_norm(b->increment[i]);
+    for (int i = 0; i < count; i++) {
+        sb_real length = sb_v3_norm(increment[i]);
         if (!sb_is_finite(length))
             return length;
         most = sb_max(most, length);
@@ -6931,23 +6826,21 @@ static sb_real regi_match_largest(const sb_body *b)
     return most;
 }
 
-/* Takes the increment, shortened so that no node moves more than a tenth of the organ's size, and until the material
- * admits the shape. */
-REGI_API sb_result regi_match_move(reg_match *match)
+REGI_API sb_result regi_match_shorten(reg_match *match, const sb_vec3 *increment)
 {
-    sb_body *b = match->body;
-    sb_real largest = regi_match_largest(b), limit = (sb_real)0.1 * match->size, share, energy;
-    int bad = 0;
+    const sb_vec3 *shape = sb_body_displacements(match->body);
+    int n = match->mesh.node_count, bad = 0;
+    sb_real largest = regi_match_largest(increment, n), limit = (sb_real)0.1 * match->size, share, energy;
     if (!sb_is_finite(largest))
         return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the step of a match is not finite");
     share = largest > limit ? limit / largest : 1;
     for (int cut = 0; cut < 20; cut++, share *= (sb_real)0.5) {
-        for (int i = 0; i < b->domain.node_count; i++)
-            match->trial[i] = sb_v3_madd(b->displacement[i], share, b->increment[i]);
-        bad = sbi_assembly_energy(&b->assembly, match->trial, &energy);
+        for (int i = 0; i < n; i++)
+            match->trial[i] = sb_v3_madd(shape[i], share, increment[i]);
+        bad = sbi_body_try_shape(match->body, match->trial, &energy);
         if (bad < 0 && sb_is_finite(energy)) {
             match->info.change = share * largest;
-            return sb_body_set_displacements(b, match->trial);
+            return SB_OK;
         }
     }
     return sbi_fail_element(&match->info.error, SB_ERROR_INVERTED, bad,
@@ -6966,22 +6859,22 @@ static int regi_match_is_full(const reg_match *match)
  * step turns it over to the other one: at full charge places would swing to and fro for ever. Aitken's relaxation takes
  * the share of the increment at which the last two cancel out; all of it where they grow, since then something moved.
  * Supports go where they are to be in any case. */
-static void regi_match_relax(reg_match *match)
+static void regi_match_relax(reg_match *match, sb_vec3 *increment)
 {
     const sb_real least = (sb_real)0.1;
-    sb_body *b = match->body;
+    const unsigned char *fixed = sb_body_supports(match->body);
     double fall = 0, square = 0;
     sb_real share = 1;
-    for (int i = 0; i < b->domain.node_count && match->relaxation > 0; i++) {
-        sb_vec3 less = sb_v3_sub(match->last[i], b->increment[i]);
+    for (int i = 0; i < match->mesh.node_count && match->relaxation > 0; i++) {
+        sb_vec3 less = sb_v3_sub(match->last[i], increment[i]);
         fall += (double)sb_v3_dot(match->last[i], less);
         square += (double)sb_v3_dot(less, less);
     }
     if (fall > 0)
         share = sb_max(least, sb_min(match->relaxation * (sb_real)(fall / square), 1));
-    for (int i = 0; i < b->domain.node_count; i++) {
-        match->last[i] = b->increment[i];
-        b->increment[i] = sbi_body_pick_axes(b->fixed[i], b->increment[i], sb_v3_scale(share, b->increment[i]));
+    for (int i = 0; i < match->mesh.node_count; i++) {
+        match->last[i] = increment[i];
+        increment[i] = sbi_body_pick_axes(fixed[i], increment[i], sb_v3_scale(share, increment[i]));
     }
     match->relaxation = share;
 }
@@ -7008,9 +6901,8 @@ static void regi_match_judge(reg_match *match)
 /* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
 static sb_result regi_match_check_shape(reg_match *match)
 {
-    sb_mesh mesh = regi_match_mesh(match->body);
+    sb_mesh mesh = sbi_body_shape(match->body);
     double share;
-    mesh.nodes = match->body->position;
     share = (double)(sb_mesh_volume(&mesh) / match->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -7018,33 +6910,55 @@ static sb_result regi_match_check_shape(reg_match *match)
                     "target shows a part of it only, or is of another size", share);
 }
 
-static sb_result regi_match_try(reg_match *match)
+/* What the look that came with the system says against going on. */
+static sb_result regi_match_check_look(reg_match *match)
 {
-    double begin = regi_match_now(match), looked, assembled, electric = regi_match_look(match);
-    sb_real elastic = 0;
-    sb_result result;
-    looked = regi_match_now(match);
-    match->info.seconds_field = looked - begin;
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
         return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
                         "target and faces as it does: align them first", 100 * (double)match->info.active);
-    result = regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
+    return regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
+}
+
+/* Solves for the increment and finds the shape it leads to, in match->trial. */
+static sb_result regi_match_solve(reg_match *match, sbi_step *step)
+{
+    double begin = regi_match_now(match);
+    sb_result result = sbi_step_solve(step, NULL, 0);
+    match->info.pcg_iterations = step->info->pcg_iterations;
+    match->info.seconds_solve = regi_match_now(match) - begin;
+    if (result != SB_OK)
+        return sbi_fail(&match->info.error, result, "the system of a match could not be solved");
+    if (regi_match_is_full(match))
+        regi_match_relax(match, sbi_relax_increment(step));
+    return regi_match_shorten(match, sbi_relax_increment(step));
+}
+
+/* Rigid motions that nothing holds would leave the matrix singular: the stiffness that holds them is far below what a
+ * charge adds. The next step sees what the loose tolerance leaves. */
+static sb_result regi_match_try(reg_match *match)
+{
+    sb_body *body = match->body;
+    sb_step_info info;
+    sbi_step step;
+    double begin = regi_match_now(match);
+    sb_real elastic = 0, held = (sb_real)1e-4 * match->young * match->size;
+    sb_result assembled = sbi_relax_begin(body, match->potential, held, (sb_real)1e-2, &info, &step), result;
+    match->info.seconds_system = regi_match_now(match) - begin - match->info.seconds_field;
+    result = info.error.result == SB_ERROR_MEMORY ? SB_OK : regi_match_check_look(match);
+    if (result == SB_OK && assembled != SB_OK) {
+        match->info.error = info.error;
+        result = assembled;
+    }
     if (result == SB_OK)
-        result = regi_match_assemble(match, &elastic);
-    assembled = regi_match_now(match);
-    match->info.seconds_system = assembled - looked;
+        (void)sbi_body_try_shape(body, sb_body_displacements(body), &elastic);
     if (result == SB_OK)
-        result = regi_match_solve(match);
-    match->info.seconds_solve = regi_match_now(match) - assembled;
-    if (result == SB_OK && regi_match_is_full(match))
-        regi_match_relax(match);
-    if (result == SB_OK)
-        result = regi_match_move(match);
+        result = regi_match_solve(match, &step);
+    sbi_relax_end(&step, match->potential, result == SB_OK ? match->trial : NULL);
     if (result != SB_OK)
         return result;
     match->info.charge = match->charge;
     regi_match_judge(match);
-    regi_match_raise(match, (double)elastic, electric);
+    regi_match_raise(match, (double)elastic, match->electric);
     match->info.iterations++;
     return SB_OK;
 }
@@ -7058,11 +6972,9 @@ REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
     begin = regi_match_now(match);
     memset(&match->info.error, 0, sizeof match->info.error);
     match->info.error.element = match->info.error.node = -1;
-    if (match->body->elimination)
+    if (sbi_body_has_constraints(match->body))
         result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
     else
-        result = sbi_body_check_unrecorded(match->body, &match->info.error);
-    if (result == SB_OK)
         result = regi_match_try(match);
     match->info.seconds += regi_match_now(match) - begin;
     if (result != SB_OK)
@@ -7172,7 +7084,7 @@ struct reg_nicp {
     sb_real *distances, *scratch; /* [the larger of both counts] */
     sb_vec3 *goals;            /* [source_count] (m) */
     sb_real *stiffness;        /* [source_count] (N/m) */
-    sb_vec3 *lines;            /* [source_count] see sbi_load */
+    sb_vec3 *lines;            /* [source_count] see sbi_body_set_mapping_lines */
     sb_vec3 *before;           /* [source_count] (m) sources before the balance */
     sb_vec3 *settled;          /* [source_count] (m) sources at the end of the last increment */
     sb_vec3 *targets;          /* [landmark_count] (m) */
@@ -7183,8 +7095,6 @@ struct reg_nicp {
     reg_nicp_info info;
 };
 
-/* The body's mesh at rest, borrowed. */
-REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 
@@ -7292,16 +7202,14 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs a body");
     if ((def->target != NULL) == (def->target_points != NULL))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs either a target or target_points");
-    if (def->body->domain.element_type == SB_CUSTOM)
+    if (sbi_body_mesh(def->body).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (def->grid->body_mesh.node_count != def->body->domain.node_count ||
-                      def->grid->body_mesh.element_count != def->body->domain.cell_count))
+    if (def->grid && (def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+                      def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
-    result = sbi_body_check_unrecorded(def->body, error);
-    if (result == SB_OK)
-        result = regi_nicp_check_numbers(def, error);
+    result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
     return result == SB_OK ? regi_nicp_check_landmarks(def, error) : result;
@@ -7369,18 +7277,6 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
     return SB_OK;
 }
 
-REGI_API sb_mesh regi_nicp_mesh(const sb_body *body)
-{
-    sb_mesh mesh;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.node_count = body->domain.node_count;
-    mesh.nodes = body->reference;
-    mesh.element_type = body->domain.element_type;
-    mesh.element_count = body->domain.cell_count;
-    mesh.elements = body->domain.cells;
-    return mesh;
-}
-
 static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *points, int count, regi_nicp_rows *rows,
                                      sb_error *error)
 {
@@ -7398,7 +7294,7 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
 static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_vec3 *points, int count,
                                 regi_nicp_rows *rows, sb_error *error)
 {
-    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_embedding_rows made;
@@ -7412,7 +7308,7 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
     embed.kind = SB_EMBED_PLAIN;
     embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
-    embed.jobs = def->body->jobs;
+    embed.jobs = *sbi_body_jobs(def->body);
     result = sb_embedding_create(&embed, &embedding, error);
     if (result == SB_OK)
         result = sb_embedding_mapping(embedding, &def->allocator, &made, error);
@@ -7593,24 +7489,21 @@ static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, s
     field.normals = def->target_normals;
     field.point_count = def->target_count;
     field.allocator = def->allocator;
-    field.jobs = def->body->jobs;
+    field.jobs = *sbi_body_jobs(def->body);
     return reg_field_create(&field, &nicp->field, error);
 }
 
-/* What the penalty is measured with: Young's modulus, as mean over the elements. */
+/* What the penalty is measured with. */
 static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def,
                                         sb_error *error)
 {
     const sb_body *body = def->body;
-    sb_mesh mesh = regi_nicp_mesh(body);
-    double sum = 0;
+    sb_mesh mesh = sbi_body_mesh(body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(surface, &low, &high);
     nicp->size = sb_v3_norm(sb_v3_sub(high, low));
-    for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    nicp->young = (sb_real)(sum / (double)body->domain.cell_count);
+    nicp->young = sbi_body_young(body);
     if (!sb_is_finite(nicp->young) || !(nicp->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
@@ -7724,6 +7617,8 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
     regi_nicp_points(nicp, &nicp->source_rows, nicp->goals);
     result = sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load,
                                  error);
+    if (result == SB_OK && sbi_body_reserve_mapping_lines(nicp->body, nicp->surface_load) != SB_OK)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK || nicp->landmark_count == 0)
         return result;
     memcpy(nicp->targets, def->landmark_targets, (size_t)nicp->landmark_count * sizeof(sb_vec3));
@@ -7760,7 +7655,7 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     regi_nicp_set(nicp, def);
@@ -7905,7 +7800,7 @@ static double regi_nicp_now(const reg_nicp *nicp) { return nicp->clock ? nicp->c
 
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points)
 {
-    sb_mapping_apply(&rows->mapping, nicp->body->position, points);
+    sb_mapping_apply(&rows->mapping, sb_body_positions(nicp->body), points);
 }
 
 /* ---- what the camera sees ---- */
@@ -8106,7 +8001,7 @@ static void regi_nicp_set_goals(reg_nicp *nicp, sb_real stiffness)
 
 static sb_result regi_nicp_pair(reg_nicp *nicp, sb_real stiffness)
 {
-    const sb_jobs *jobs = &nicp->body->jobs;
+    const sb_jobs *jobs = sbi_body_jobs(nicp->body);
     sb_result result;
     regi_nicp_points(nicp, &nicp->rows, nicp->vertices);
     result = sb_surface_move(nicp->skin, nicp->vertices, jobs, &nicp->info.error);
@@ -8132,13 +8027,8 @@ static sb_result regi_nicp_solve(reg_nicp *nicp, const sb_static_options *option
 {
     const sb_real none = 0;
     sb_body *body = nicp->body;
-    sb_result result;
-    for (int l = 0; l < body->load_count; l++)
-        if (body->loads[l].id == nicp->surface_load)
-            body->loads[l].lines = nicp->lines;
-    result = sb_body_solve_static(body, options, step);
-    for (int l = 0; l < body->load_count; l++)
-        body->loads[l].lines = NULL;
+    sb_result result = sb_body_solve_static(body, options, step);
+    (void)sbi_body_set_mapping_lines(body, nicp->surface_load, NULL);
     (void)sb_body_set_mapping_stiffness(body, nicp->surface_load, &none, 1);
     if (nicp->landmark_load)
         (void)sb_body_set_mapping_stiffness(body, nicp->landmark_load, &none, 1);
@@ -8154,12 +8044,16 @@ static sb_result regi_nicp_balance(reg_nicp *nicp)
         result = sb_body_set_mapping_stiffness(nicp->body, nicp->surface_load, nicp->stiffness, 0);
     if (result == SB_OK && nicp->landmark_load)
         result = sb_body_set_mapping_stiffness(nicp->body, nicp->landmark_load, &nicp->landmark_stiffness, 1);
+    if (result == SB_OK)
+        result = sbi_body_set_mapping_lines(nicp->body, nicp->surface_load, nicp->lines);
+    if (result == SB_ERROR_MEMORY)
+        return sbi_fail(&nicp->info.error, result, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK)
         return sbi_fail(&nicp->info.error, result, "the penalties of the registration are gone from the body");
     options.tolerance = nicp->newton_tolerance;
     options.max_newton = nicp->newton;
     options.quasi_newton = 1; /* the next look changes the forces more than that leaves */
-    options.max_iterations = nicp->body->max_iterations;
+    options.max_iterations = sbi_body_max_iterations(nicp->body);
     options.keep_progress = 1; /* the next look starts from there */
     result = regi_nicp_solve(nicp, &options, &step);
     nicp->info.newton_iterations = step.newton_iterations;
@@ -8216,7 +8110,7 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
     for (int i = 0; i < nicp->landmark_count; i++) {
         sb_vec3 at = sb_v3(0, 0, 0);
         for (int k = rows->row_start[i]; k < rows->row_start[i + 1]; k++)
-            at = sb_v3_madd(at, rows->weights[k], nicp->body->position[rows->nodes[k]]);
+            at = sb_v3_madd(at, rows->weights[k], sb_body_positions(nicp->body)[rows->nodes[k]]);
         most = sb_max(most, sb_v3_norm(sb_v3_sub(nicp->targets[i], at)));
     }
     nicp->info.landmark_distance = most;
@@ -8225,9 +8119,8 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
 /* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
 static sb_result regi_nicp_check_shape(reg_nicp *nicp)
 {
-    sb_mesh mesh = regi_nicp_mesh(nicp->body);
+    sb_mesh mesh = sbi_body_shape(nicp->body);
     double share;
-    mesh.nodes = nicp->body->position;
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -8240,9 +8133,6 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     double begin = regi_nicp_now(nicp), paired;
     sb_real stiffness = regi_nicp_stiffness(nicp);
     sb_result result;
-    result = sbi_body_check_unrecorded(nicp->body, &nicp->info.error); /* a replay would not know of the lines */
-    if (result != SB_OK)
-        return result;
     regi_nicp_read_landmarks(nicp);
     result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
     if (result == SB_OK)
@@ -8367,6 +8257,10 @@ typedef struct regi_loads {
     sb_real *touch;        /* [nodes] facets */
     sb_vec3 *force;        /* [nodes] found (N) */
     sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
+    sb_vec3 *increment;    /* [nodes] of a round (m) */
+    const unsigned char *fixed; /* [nodes] axes of the body's supports */
+    int *held_nodes;       /* [nodes] scratch: nodes held along the same axes, */
+    sb_vec3 *held_goals;   /* [nodes] and where they are sent */
     sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
     int posed;             /* 1: the pose is sought, too */
     sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
@@ -8413,9 +8307,9 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
-    if (def->match->body->load_count > 0 || def->match->body->elimination)
+    if (sbi_body_load_count(def->match->body) > 0 || sbi_body_has_constraints(def->match->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return sbi_body_check_unrecorded(def->match->body, error);
+    return SB_OK;
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }
@@ -8443,7 +8337,7 @@ static void regi_loads_measure_nodes(regi_loads *l)
     l->total_area = 0;
     for (int i = 0; i < l->node_count; i++) {
         l->total_area += (double)l->area[i];
-        if (l->area[i] > 0 && l->body->fixed[i] != SB_XYZ)
+        if (l->area[i] > 0 && l->fixed[i] != SB_XYZ)
             l->load_nodes[l->load_count++] = i;
     }
 }
@@ -8451,10 +8345,10 @@ static void regi_loads_measure_nodes(regi_loads *l)
 static sb_vec3 regi_loads_rest_point(const regi_loads *l, int charge)
 {
     int width = l->match->width;
-    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    const int *nodes = regi_match_nodes(l->match, charge);
     sb_vec3 x = sb_v3(0, 0, 0);
     for (int a = 0; a < width; a++)
-        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->body->reference[nodes[a]]);
+        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->match->mesh.nodes[nodes[a]]);
     return x;
 }
 
@@ -8499,11 +8393,11 @@ static void regi_loads_cut_parts(regi_loads *l)
 static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, sb_real weight, sb_real *row)
 {
     int width = l->match->width;
-    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    const int *nodes = regi_match_nodes(l->match, charge);
     const sb_real *weights = l->match->weights + (size_t)charge * (size_t)width;
     for (int a = 0; a < width; a++) {
         sb_real *to = row + 3 * (size_t)nodes[a], share = weight * weights[a];
-        unsigned char held = l->body->fixed[nodes[a]];
+        unsigned char held = l->fixed[nodes[a]];
         to[0] += held & SB_X ? 0 : share * line.x;
         to[1] += held & SB_Y ? 0 : share * line.y;
         to[2] += held & SB_Z ? 0 : share * line.z;
@@ -8633,24 +8527,11 @@ static void regi_loads_sample_drag(regi_loads *l, int sample, int index, sb_real
         -l->likely[REGI_LOADS_POSE + axis] * sb_v3_dot(motion, l->drag);
 }
 
-/* Forces and stiffness of the present shape, factored. */
+/* Forces and stiffness of the present shape, factored. The mass holds what nothing holds; it acts on a round's motion
+ * only, so that the end does not notice. */
 static sb_result regi_loads_stiffness(regi_loads *l, sb_error *error)
 {
-    sb_body *b = l->body;
-    sb_real mass = sb_body_mass(b), hold;
-    int bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
-    b->force_current = bad < 0;
-    if (bad >= 0)
-        return sbi_fail_element(error, SB_ERROR_INVERTED, bad, "element %d is inside out, which its material does not "
-                                "allow", bad);
-    for (int i = 0; i < l->node_count; i++)
-        l->residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
-    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
-    /* holds what nothing holds; it acts on a round's motion only, so that the end does not notice */
-    hold = (sb_real)0.1 * l->match->young * l->match->size;
-    sbi_body_add_mass(b, mass > 0 ? hold / mass : 0);
-    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
-    return sb_direct_update(l->direct, &b->matrix, error);
+    return sbi_body_factor(l->body, (sb_real)0.1 * l->match->young * l->match->size, l->residual, l->direct, error);
 }
 
 /* Numbers the samples of a round: parts of which something is near the target, landmarks, what is dragged. */
@@ -8752,7 +8633,7 @@ static sb_real regi_loads_load_parts(regi_loads *l)
         sb_real load = 0, area = 0;
         for (int k = l->part_start[s]; k < l->part_start[s + 1]; k++) {
             const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-            const int *nodes = l->body->domain.cells + (size_t)charge->element * (size_t)width;
+            const int *nodes = regi_match_nodes(l->match, l->part_charges[k]);
             const sb_real *weights = l->match->weights + (size_t)l->part_charges[k] * (size_t)width;
             sb_real traction = 0;
             for (int a = 0; a < width; a++)
@@ -9001,34 +8882,49 @@ static void regi_loads_turn(regi_loads *l)
     way = sb_v3_add(l->centre, sb_v3(d[0], d[1], d[2]));
     rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(d[3], d[4], d[5])));
     for (int i = 0; i < l->node_count; i++) {
-        sb_vec3 x = l->body->position[i], turned = sb_m3_apply(rotation, sb_v3_sub(x, l->centre));
-        sb_vec3 step = sb_m3_apply(rotation, l->body->increment[i]);
-        l->body->increment[i] = sb_v3_add(step, sb_v3_sub(sb_v3_add(turned, way), x));
+        sb_vec3 x = sb_body_positions(l->body)[i], turned = sb_m3_apply(rotation, sb_v3_sub(x, l->centre));
+        sb_vec3 step = sb_m3_apply(rotation, l->increment[i]);
+        l->increment[i] = sb_v3_add(step, sb_v3_sub(sb_v3_add(turned, way), x));
     }
 }
 
-/* The body's increment is taken, and its supports go along with the pose. */
+/* Sends held nodes to displacements[nodes]. */
+static void regi_loads_hold(regi_loads *l, const sb_vec3 *displacements)
+{
+    for (int axes = 1; axes <= SB_XYZ; axes++) {
+        int count = 0;
+        for (int i = 0; i < l->node_count; i++)
+            if (l->fixed[i] == axes) {
+                l->held_nodes[count] = i;
+                l->held_goals[count++] = displacements[i];
+            }
+        if (count > 0)
+            (void)sb_body_prescribe(l->body, l->held_nodes, count, axes, l->held_goals, 0);
+    }
+}
+
+/* The increment is taken, and the body's supports go along with the pose. */
 static sb_result regi_loads_move(regi_loads *l, sb_error *error)
 {
-    sb_body *b = l->body;
     sb_real planned = 0, share;
     sb_result result;
     if (l->posed)
         regi_loads_turn(l);
     for (int i = 0; i < l->node_count; i++)
-        planned = sb_max(planned, sb_v3_norm(b->increment[i]));
-    result = regi_match_move(l->match);
+        planned = sb_max(planned, sb_v3_norm(l->increment[i]));
+    result = regi_match_shorten(l->match, l->increment);
     if (result != SB_OK) {
         if (error)
             *error = l->match->info.error;
         return result;
     }
+    sbi_body_place(l->body, l->match->trial);
     l->info.change = l->match->info.change;
     share = planned > 0 ? l->info.change / planned : 1;
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->pose[k] += share * (l->next[k] - l->pose[k]);
-    for (int i = 0; i < l->node_count && l->posed; i++)
-        b->target[i] = sbi_body_pick_axes(b->fixed[i], b->displacement[i], b->target[i]);
+    if (l->posed)
+        regi_loads_hold(l, sb_body_displacements(l->body));
     return SB_OK;
 }
 
@@ -9057,9 +8953,8 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     if (result != SB_OK)
         return result;
     for (int i = 0; i < l->node_count; i++)
-        l->body->rhs[i] = sbi_body_pick_axes(l->body->fixed[i], sb_v3(0, 0, 0),
-                                             sb_v3_sub(l->force[i], l->residual[i]));
-    (void)sb_direct_solve(l->direct, &l->body->rhs[0].x, &l->body->increment[0].x, 1);
+        l->increment[i] = sbi_body_pick_axes(l->fixed[i], sb_v3(0, 0, 0), sb_v3_sub(l->force[i], l->residual[i]));
+    (void)sb_direct_solve(l->direct, &l->increment[0].x, &l->increment[0].x, 1);
     l->info.sample_misfit = regi_loads_misfit(l);
     result = regi_loads_move(l, error);
     l->info.rounds += result == SB_OK;
@@ -9100,6 +8995,9 @@ static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
     l->touch = (sb_real *)sbi_arena_take(arena, n, real);
     l->force = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->increment = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->held_nodes = (int *)sbi_arena_take(arena, n, sizeof(int));
+    l->held_goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->before = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->free_rows = (sb_real *)sbi_arena_take(arena, samples, REGI_LOADS_FREE * real);
@@ -9110,11 +9008,11 @@ static void regi_loads_begin_pose(regi_loads *l)
 {
     int held = 0, count = 0;
     for (int i = 0; i < l->node_count; i++)
-        held += l->body->fixed[i] == SB_XYZ;
+        held += l->fixed[i] == SB_XYZ;
     l->posed = l->def->pose > 0;
     for (int i = 0; i < l->node_count; i++)
-        if (held == 0 || l->body->fixed[i] == SB_XYZ)
-            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(l->body->position[i], l->centre));
+        if (held == 0 || l->fixed[i] == SB_XYZ)
+            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
     for (int k = REGI_LOADS_POSE; k < REGI_LOADS_FREE; k++)
@@ -9137,13 +9035,11 @@ static int regi_loads_part_count(const regi_loads *l)
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
 {
     const sb_allocator *allocator = &l->def->allocator;
-    sb_direct_def direct = sb_default_direct_def();
-    sb_mesh mesh = regi_match_mesh(l->body);
+    sb_mesh mesh = l->match->mesh;
     sbi_arena arena;
     sb_result result = sb_mesh_boundary(&mesh, 1, allocator, &l->boundary, error);
-    direct.positions = l->body->reference;
     if (result == SB_OK)
-        result = sb_direct_create(&direct, &l->body->matrix, allocator, &l->direct, error);
+        result = sbi_body_make_factor(l->body, allocator, &l->direct, error);
     if (result != SB_OK)
         return result;
     l->node_count = mesh.node_count;
@@ -9160,8 +9056,8 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     arena.base = (unsigned char *)l->memory;
     arena.used = 0;
     regi_loads_layout(l, &arena);
-    memcpy(l->before, l->body->displacement, (size_t)l->node_count * sizeof(sb_vec3));
-    memcpy(l->goals, l->body->target, (size_t)l->node_count * sizeof(sb_vec3));
+    memcpy(l->before, sb_body_displacements(l->body), (size_t)l->node_count * sizeof(sb_vec3));
+    memcpy(l->goals, sbi_body_targets(l->body), (size_t)l->node_count * sizeof(sb_vec3));
     regi_loads_begin_pose(l);
     regi_loads_measure_nodes(l);
     regi_loads_cut_parts(l);
@@ -9189,8 +9085,9 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         if ((l->drag_looks > 0 || !regi_loads_is_at_rest(l, (sb_real)1e-3)) && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
-        (void)sb_body_set_displacements(l->body, l->before);
-        memcpy(l->body->target, l->goals, (size_t)l->node_count * sizeof(sb_vec3));
+        sbi_body_place(l->body, l->before);
+        if (l->posed)
+            regi_loads_hold(l, l->goals);
         return result;
     }
     most = regi_loads_tractions(l);
@@ -9214,6 +9111,7 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
         loads.def = def;
         loads.match = def->match;
         loads.body = def->match->body;
+        loads.fixed = sb_body_supports(loads.body);
         loads.begun = regi_loads_now(&loads);
         result = regi_loads_find(&loads, forces, &loads.info.error);
         loads.info.seconds = regi_loads_now(&loads) - loads.begun;

@@ -6079,8 +6079,8 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 /* A recording holds a body's state at its start, then every call that changed the body with its arguments, and of every
  * step and static solve the result and a hash of the state it led to. So a session can be played again: on another
  * machine, with another number of threads, or with a library that was meant to compute the same. It works by telling:
- * a body that is not recorded pays one comparison with NULL per call. register.h refuses to move a body that is being
- * recorded (SB_ERROR_UNSUPPORTED); its final displacements can be recorded by sb_body_set_displacements.
+ * a body that is not recorded pays one comparison with NULL per call. What register.h
+ * does to a body is recorded like the body's own calls, and replays without the registration.
  *
  * Memory: 32 bytes per call and its arguments; 136 more per step. With positions_every = k every k-th step also keeps
  * the displacements (24 bytes per node, in float 12). A sb_body_state_load counts with the whole state it loads. */
@@ -6704,6 +6704,8 @@ typedef struct sbi_loads_work {
 } sbi_loads_work;
 
 /* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* Has the owners of potentials fill their rows at u: before the two below. */
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u);
 /* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
  * rounding error of the follower's norm. */
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);
@@ -12103,6 +12105,84 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
     }
     if (from != order)
         memcpy(order, from, (size_t)count * sizeof order[0]);
+}
+#endif /* !defined(SB_NO_FILES) */
+
+/* ==== src/softbody/mesh/meshio_voxels.c ==== */
+#if !defined(SB_NO_FILES)
+/* meshio_voxels: what all readers of images share: where voxels go, and checks of what is said about them. */
+
+#include <limits.h>
+#include <string.h>
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels)
+{
+    memset(voxels, 0, sizeof *voxels);
+    for (int k = 0; k < 3; k++)
+        voxels->spacing[k] = voxels->direction[k][k] = 1;
+}
+
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values)
+{
+    double read[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    sb_result result = SB_OK;
+    for (int i = 0; i < count && !result; i++)
+        result = sbi_reader_real(reader, what, &read[i]);
+    if (!result)
+        memcpy(values, read, (size_t)count * sizeof *values);
+    return result;
+}
+
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3])
+{
+    for (int k = 0; k < 3; k++)
+        if (!(spacing[k] > 0))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "a spacing of %g: it must be above 0", spacing[k]);
+    return SB_OK;
+}
+
+/* Voxels along an axis. A direction with one point only has one layer of cells all the same. */
+static int sbi_voxels_along(int points, int in_cells) { return in_cells && points > 1 ? points - 1 : points; }
+
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells)
+{
+    int64_t count = 1;
+    for (int k = 0; k < 3; k++) {
+        count *= sbi_voxels_along(voxels->points[k], in_cells);
+        if (count > INT_MAX)
+            return 0;
+    }
+    return (int)count;
+}
+
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells)
+{
+    sbi_voxels *voxels = loader->voxels;
+    int count = sbi_voxels_count(voxels, in_cells);
+    if (count == 0)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    voxels->labels = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!voxels->labels)
+        return sbi_loader_no_memory(loader);
+    for (int axis = 0; axis < 3; axis++) {
+        int points = voxels->points[axis];
+        voxels->counts[axis] = sbi_voxels_along(points, in_cells);
+        for (int k = 0; k < 3 && voxels->counts[axis] < points; k++) /* from the first corner to the first centre */
+            voxels->origin[k] += 0.5 * voxels->spacing[axis] * voxels->direction[axis][k];
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value)
+{
+    if (value - value != 0)
+        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "voxel %d is not finite", voxel);
+    if (value < (double)INT_MIN || value > (double)INT_MAX || floor(value) < value)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                               "voxel %d is %g: labels are whole numbers that an int holds (is this a label image?)",
+                               voxel, value);
+    loader->voxels->labels[voxel] = (int)value;
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_FILES) */
 
@@ -18856,78 +18936,6 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
 #include <stdio.h>
 #include <string.h>
 
-
-/* ==== voxels being read =============================================================================== */
-
-SBI_API void sbi_voxels_init(sbi_voxels *voxels)
-{
-    memset(voxels, 0, sizeof *voxels);
-    for (int k = 0; k < 3; k++)
-        voxels->spacing[k] = voxels->direction[k][k] = 1;
-}
-
-SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values)
-{
-    double read[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    sb_result result = SB_OK;
-    for (int i = 0; i < count && !result; i++)
-        result = sbi_reader_real(reader, what, &read[i]);
-    if (!result)
-        memcpy(values, read, (size_t)count * sizeof *values);
-    return result;
-}
-
-SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3])
-{
-    for (int k = 0; k < 3; k++)
-        if (!(spacing[k] > 0))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "a spacing of %g: it must be above 0", spacing[k]);
-    return SB_OK;
-}
-
-/* Voxels along an axis. A direction with one point only has one layer of cells all the same. */
-static int sbi_voxels_along(int points, int in_cells) { return in_cells && points > 1 ? points - 1 : points; }
-
-SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells)
-{
-    int64_t count = 1;
-    for (int k = 0; k < 3; k++) {
-        count *= sbi_voxels_along(voxels->points[k], in_cells);
-        if (count > INT_MAX)
-            return 0;
-    }
-    return (int)count;
-}
-
-SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells)
-{
-    sbi_voxels *voxels = loader->voxels;
-    int count = sbi_voxels_count(voxels, in_cells);
-    if (count == 0)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
-    voxels->labels = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
-    if (!voxels->labels)
-        return sbi_loader_no_memory(loader);
-    for (int axis = 0; axis < 3; axis++) {
-        int points = voxels->points[axis];
-        voxels->counts[axis] = sbi_voxels_along(points, in_cells);
-        for (int k = 0; k < 3 && voxels->counts[axis] < points; k++) /* from the first corner to the first centre */
-            voxels->origin[k] += 0.5 * voxels->spacing[axis] * voxels->direction[axis][k];
-    }
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value)
-{
-    if (value - value != 0)
-        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "voxel %d is not finite", voxel);
-    if (value < (double)INT_MIN || value > (double)INT_MAX || floor(value) < value)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                               "voxel %d is %g: labels are whole numbers that an int holds (is this a label image?)",
-                               voxel, value);
-    loader->voxels->labels[voxel] = (int)value;
-    return SB_OK;
-}
 
 /* ==== data behind a header ============================================================================ */
 
@@ -28183,6 +28191,7 @@ typedef struct sbi_live_key {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
+    unsigned version;        /* how many changes there were, from 1 */
     int *room;               /* [row_capacity] places of the row's piece */
     int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
     unsigned char *in_use;   /* [row_capacity] */
@@ -28222,6 +28231,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
@@ -28919,6 +28930,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
 }
 
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
+
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
     int count = 0;
@@ -29419,6 +29432,7 @@ static void sbi_live_begin(sb_matrix *matrix)
     sbi_matrix_live *live = matrix->live;
     live->touched_count = 0;
     live->repacked = 0;
+    live->version++;
     if (live->pack)
         sbi_live_pack(matrix);
     live->pack = 0;
@@ -29499,6 +29513,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sb_matrix made = *matrix;
     live->row_capacity = rows;
     live->block_capacity = blocks;
+    live->version = 1;
     live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
     live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
     if (!live->pool_memory) {
@@ -30356,6 +30371,7 @@ struct sb_direct {
     void *memory;         /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int *position;        /* [node_count] column of a node */
     int *node;            /* [node_count] node of a column */
     sbi_direct_piece *pieces;
@@ -30735,7 +30751,8 @@ SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pat
         made->allocator = *allocator;
     made->kind = def ? (int)def->kind : (int)ordinary.kind;
     made->node_count = pattern->row_count;
-    made->block_count = pattern->block_count;
+    made->block_count = sbi_matrix_used_blocks(pattern);
+    made->pattern_version = sbi_matrix_version(pattern);
     made->info.unknowns = 3 * pattern->row_count;
     result = sbi_direct_analyse(made, pattern, def ? def->positions : NULL, error);
     if (result != SB_OK) {
@@ -30875,7 +30892,8 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     sb_result result = SB_OK;
     size_t used = 0;
     int depth = 0;
-    if (!direct || !matrix || matrix->row_count != direct->node_count || matrix->block_count != direct->block_count)
+    if (!direct || !matrix || matrix->row_count != direct->node_count ||
+        sbi_matrix_used_blocks(matrix) != direct->block_count || sbi_matrix_version(matrix) != direct->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix is not of the pattern the solver was made for");
     direct->ready = 0;
     direct->info.least_pivot = 0;
@@ -33083,13 +33101,13 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     const sbi_mg_level *level = work->level;
     const double own = 1 / ((double)level->scale[4 * (size_t)i + 3] * (double)SBI_MG_ONE);
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
         if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
             continue;
         for (int e = 0; e < 9; e++)
-            lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
+            lost[e] += (double)work->matrix->blocks[at][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
@@ -33102,12 +33120,12 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
-        int i = group->rows[k];
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+        int i = group->rows[k], at = work->matrix->row_start[i];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
             for (int e = 0; e < 9; e++)
-                group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
+                group->matrix.blocks[own][e] = work->matrix->blocks[at][e] * scale;
             own++;
         }
         sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);
@@ -33345,19 +33363,23 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
 {
-    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)sbi_matrix_used_blocks(pattern);
+    int end = 0;
     level->row_count = pattern->row_count;
-    level->block_count = pattern->block_count;
+    level->block_count = (int)blocks;
     level->row_start = sbi_mg_take_ints(m, rows + 1);
     level->columns = sbi_mg_take_ints(m, blocks);
     level->diagonal = sbi_mg_take_ints(m, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
-    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
-    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
-    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
-    for (int i = 0; i < level->row_count; i++)
-        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
+    level->row_start[0] = 0;
+    for (int i = 0; i < level->row_count; i++) { /* without the gaps that rows of a live matrix have between them */
+        int length = pattern->row_end[i] - pattern->row_start[i];
+        memcpy(level->columns + end, pattern->columns + pattern->row_start[i], (size_t)length * sizeof(int));
+        level->diagonal[i] = end + pattern->diagonal[i] - pattern->row_start[i];
+        level->row_start[i + 1] = end += length;
+        m->longest_row = sbi_max_int(m->longest_row, length);
+    }
     return sbi_mg_take_values(m, level);
 }
 
@@ -33970,10 +33992,11 @@ static int sbi_mg_invert(const float *block, float *inverse)
 static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real *block = work->matrix->blocks[level->diagonal[i]];
+    const sb_real *block = work->matrix->blocks[work->matrix->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
+    int later = work->matrix->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)];
     double largest = 0, inverse;
-    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
+    SBI_PREFETCH(work->matrix->blocks[later], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -34034,20 +34057,21 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, which is `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
  * in 16 without. */
-SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const float *block, float own, float other,
-                                         int *bad)
+SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
+                                         float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(work->matrix->blocks[q], (double)own * (double)other * (work->scale * SBI_MG_WORD),
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
                           level->packed + 9 * q, level->rest + 9 * q, bad);
         return;
     }
 #endif
     (void)bad;
+    (void)from;
     sbi_mg_pack(block, (own * other) * SBI_MG_ONE, level->packed + 9 * q);
 }
 
@@ -34056,7 +34080,7 @@ SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, cons
 static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real(*from)[9] = (const sb_real(*)[9])work->matrix->blocks + work->matrix->row_start[i];
     const sb_real scale = (sb_real)work->scale;
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
@@ -34065,16 +34089,16 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
-    for (int q = level->row_start[i]; q < last; q++) {
+    for (int q = level->row_start[i]; q < last; q++, from++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
-        sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack_finest(work, (size_t)q, block, own, scales[4 * (size_t)j + 3], &bad);
+        sbi_mg_round_block(*from, scale, block);
+        sbi_mg_pack_finest(work, (size_t)q, *from, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
@@ -34159,8 +34183,8 @@ static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
     const sbi_mg_level *level = work->level;
     const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
+        const sb_real *from = work->matrix->blocks[at];
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_ONE);
         for (int k = 0; k < 9; k++)
@@ -35256,6 +35280,7 @@ struct sb_preconditioner {
     int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -35662,7 +35687,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -35877,8 +35902,9 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
-    p->block_count = pattern->block_count;
-    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
+    p->block_count = sbi_matrix_used_blocks(pattern);
+    p->lower_count = (p->block_count - pattern->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(pattern);
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
@@ -35918,7 +35944,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
+    if (!p || !matrix || matrix->row_count != p->row_count ||
+        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -36005,7 +36032,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
                                           const sb_vec3 *positions, sb_error *error)
 {
     sbi_precond_updating work;
-    double scale;
+    double scale = 1;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
@@ -36206,7 +36233,7 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     for (int k = 0; k < p->row_count; k++) {
         int i = p->order[k], begin = end;
         p->start[k] = begin;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q], e = end;
             if (place[j] >= k)
                 continue;
@@ -36843,12 +36870,14 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
         memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_start[entry_of[q] + 2]++;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_start[entry_of[q] + 2]++;
         for (int e = 0; e < entries; e++)
             c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
     }
     sbi_free(&p->allocator, scratch);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
@@ -36974,10 +37003,11 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
               z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);
@@ -41309,7 +41339,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew, which takes a hundredth of the next evaluation of forces. */
+ * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -41326,6 +41356,8 @@ typedef struct sbi_assembly_live {
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
     uint64_t *node_colours; /* [node_capacity] scratch */
+    int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
+    int *chunk_node_count; /* [chunks] */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
@@ -42239,18 +42271,30 @@ static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
     return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
 }
 
+/* Nodes of a chunk, of which some may be listed more than once. */
+static void sbi_assembly_chunk_nodes(const sbi_assembly *assembly, int chunk, const int **first, const int **end)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell;
+    if (assembly->live) {
+        *first = assembly->live->chunk_nodes + 4 * (size_t)chunk * (size_t)assembly->chunk_size;
+        *end = *first + assembly->live->chunk_node_count[chunk];
+        return;
+    }
+    *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
+    *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+}
+
 /* Colour of a chunk: the first that none of its nodes has; nodes remember theirs as bits. Beyond 63 colours (one
  * node shared by very many cells) each chunk gets a colour of its own. */
 static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, uint64_t *node_colours, int *next)
 {
-    const sb_domain *domain = assembly->domain;
-    size_t n = (size_t)domain->nodes_per_cell;
-    const int *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
-    const int *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+    const int *first, *end;
     uint64_t taken = 0;
     int colour = 0;
+    sbi_assembly_chunk_nodes(assembly, chunk, &first, &end);
     for (const int *node = first; node < end; node++)
-        taken |= *node < 0 ? 0 : node_colours[*node];
+        taken |= node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -42258,8 +42302,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        if (*node >= 0)
-            node_colours[*node] |= (uint64_t)1 << colour;
+        node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
@@ -42335,10 +42378,11 @@ SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix,
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
-    sbi_assembly_colour(assembly, node_colours);
+    if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        if (assembly->domain->cell_capacity == 0)
             sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }
@@ -43337,6 +43381,8 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
     live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
     live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
     live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
@@ -43425,14 +43471,18 @@ static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix
     }
 }
 
-/* ---- energy units ----------------------------------------------------------------------------------------- */
+/* ---- chunks ------------------------------------------------------------------------------------------------ */
+
+static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
 
 static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
 {
-    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
-    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
     sb_real sum = 0;
-    for (int e = begin; e < end; e++) {
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
@@ -43453,6 +43503,22 @@ SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
     sbi_assembly_sum_units(assembly);
 }
 
+/* Lists the nodes of a chunk's cells. */
+static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
+{
+    const int *cells = assembly->domain->cells;
+    sbi_assembly_live *live = assembly->live;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
+    for (int k = first; k < end; k++)
+        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+            live->marks[cells[k]] = 1;
+            live->chunk_nodes[first + count++] = cells[k];
+        }
+    for (int k = first; k < first + count; k++)
+        live->marks[live->chunk_nodes[k]] = 0;
+    live->chunk_node_count[chunk] = count;
+}
+
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
@@ -43468,6 +43534,9 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     }
     for (int i = 0; i < matrix->row_count; i++)
         sbi_assembly_map_row(assembly, matrix, i);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
@@ -43578,6 +43647,8 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
     memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
+    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
@@ -43719,22 +43790,27 @@ static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *m
     }
 }
 
-static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+/* Marks the chunks of changed cells. */
+static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
 {
     for (int k = 0; k < count; k++)
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units of chunks with changed cells. */
-static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+/* Energy units and nodes of chunks with changed cells, and all colours. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
-    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    sbi_assembly_live *live = assembly->live;
+    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (assembly->live->units[chunk] < 0)
+        if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
+            sbi_assembly_list_nodes(assembly, chunk);
+        }
     sbi_assembly_sum_units(assembly);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
@@ -43746,8 +43822,7 @@ SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     sbi_assembly_follow_cells(assembly, change, old_end);
     sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_units(assembly, change);
-    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    sbi_assembly_follow_chunks(assembly, change);
     if (assembly->viscous)
         sbi_assembly_begin_step(assembly, 0);
 }
@@ -44487,16 +44562,171 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
     }
 }
 
+/* ==== src/softbody/body/step_parts.h ==== */
+/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
+ *
+ *     sbi_step step;
+ *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     do {
+ *         while (result == SB_OK && !step.done) {
+ *             result = sbi_step_solve(&step, guests, guest_count);
+ *             if (result == SB_OK)
+ *                 result = sbi_step_advance(&step);
+ *         }
+ *         if (result == SB_OK)
+ *             result = sbi_step_commit(&step);
+ *     } while (sbi_step_begin_again(&step, &result));
+ *     return result == SB_OK ? result : sbi_step_undo(&step, result);
+ *
+ * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
+ * change the body. */
+#ifndef SB_STEP_PARTS_H
+#define SB_STEP_PARTS_H
+
+
+struct sbi_guest;
+
+/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
+typedef struct sbi_step {
+    sb_body *body;
+    sb_step_info *info;
+    sb_step_info own_info;    /* where the caller wants none */
+    double begun;             /* on the body's clock (s) */
+    int dynamic;              /* 1: a time step; 0: a static solve */
+    int done;                 /* 1: nothing is left to be solved */
+    int iteration;            /* of Newton, from 0 */
+    sb_tangent_kind kind;     /* of the tangent in A */
+
+    /* what is solved */
+    sb_real dt;               /* s */
+    sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
+    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
+                               * loads that follow the body have: 1 in a time step */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
+    sb_real tolerance;        /* of the residual; a linearised step has none */
+    sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
+    int max_newton, max_iterations;
+    int line_search;
+    int linearised;           /* one iteration, taken as it is */
+    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                               * has it in A already */
+    int has_velocity;         /* v may differ from 0 at the current u */
+
+    /* where it is */
+    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
+    sb_real scale;            /* largest force (N), to compare residuals with */
+    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
+    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
+    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
+    int energy_known;
+    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
+} sbi_step;
+
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
+ * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
+ * the material or the solver refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
+ * not positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
+ * system is ready. */
+SBI_API sb_result sbi_step_advance(sbi_step *step);
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
+ * is told. A failure leaves the step open, as do all failures above. */
+SBI_API sb_result sbi_step_commit(sbi_step *step);
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
+ * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
+ * it. */
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
+/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+
+#endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/body_guest.h ==== */
+/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor 3,
+ * internal. What they do to a body is recorded, and replays to the last bit without them. */
+#ifndef SB_BODY_GUEST_H
+#define SB_BODY_GUEST_H
+
+
+/* ---- readings ---- */
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed */
+SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed */
+SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
+SBI_API int sbi_body_has_constraints(const sb_body *body);
+SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
+SBI_API int sbi_body_max_iterations(const sb_body *body);
+SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where fixed axes are to be: displacements (m) */
+SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
+/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+
+/* ---- shapes ---- */
+/* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */
+SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy);
+/* Moves the body to displacements u[nodes] (m), finite, like sb_body_set_displacements, from a shape whose forces were
+ * asked for by one of the calls below. */
+SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u);
+
+/* ---- forces and stiffness at the present shape, with the tangent SB_TANGENT_QUASI ---- */
+/* A place for the factor of the body's tangent. */
+SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *allocator, sb_direct **factor,
+                                       sb_error *error);
+/* residual[nodes] (N) = internal forces less gravity and dead loads; factor: that of the tangent and a mass that holds
+ * what nothing holds, `hold` (N/m) in all, with identity rows for fixed axes. SB_ERROR_INVERTED and the factor's. */
+SBI_API sb_result sbi_body_factor(sb_body *body, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error);
+
+/* ---- a load from outside ---- */
+/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force (N)
+ * on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l l^T].
+ * Called once for each residual, by one thread; what it writes must not depend on threads. */
+typedef struct sbi_potential sbi_potential;
+typedef void (*sbi_potential_fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
+/* rows are copied. The body does not have the load until it is lent, but room for it. */
+SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
+                                       const sb_allocator *allocator, sbi_potential **potential, sb_error *error);
+SBI_API void sbi_potential_destroy(sbi_potential *potential);
+/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads took
+ * the room. */
+SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error);
+SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential);
+/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor; the
+ * linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between sbi_step_solve
+ * solves for sbi_relax_increment. Not for bodies with constraints. */
+SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
+                                  sb_step_info *info, sbi_step *step);
+SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step); /* [nodes] (m); may be changed */
+/* Places the body at u, or, NULL, leaves it as it was to the last bit. */
+SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_vec3 *u);
+/* Makes rows of a mapping softer along the surface: lines[rows] as above; NULL: no longer. SB_ERROR_INDEX,
+ * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY change nothing. */
+SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const sb_vec3 *lines);
+/* The memory for that, so that it cannot fail for lack of it. */
+SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
+
+#endif /* SB_BODY_GUEST_H */
+
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
 
-typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3,
+                             SBI_LOAD_POTENTIAL = 4 } sbi_load_kind;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
- * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+ * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines (see
+ * body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced twins,
+ * balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
@@ -44516,9 +44746,12 @@ typedef struct sbi_load {
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                * and not as a position, the force has the displacement's precision */
     sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
-    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
-                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
-                               * most unit length, it is that much softer */
+    sb_vec3 *lines;           /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
+                               * line l, of at most unit length, it is that much softer. Of a mapping in line_memory, and
+                               * NULL again where a registration's call ends */
+    void *line_memory;        /* of a mapping that has had lines; or NULL */
+    void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
+    void *fill_user;
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
@@ -44566,6 +44799,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
+    SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -44724,12 +44959,16 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
                            const sb_real *reals, size_t real_count);
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
-/* SB_ERROR_UNSUPPORTED for a body that is being recorded: for callers that move a body by other ways than calls on it,
- * which no replay could repeat. */
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error);
+
+/* Frees its arrays. */
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
+
+/* What replays sbi_body_place. */
+enum { SBI_PLACE_INTS = 4 };
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error);
 
 /* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
@@ -44783,8 +45022,6 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
 SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
 /* Newton iterations of a time step, SB_AUTO resolved. */
 SBI_API int sbi_body_max_newton(const sb_body *body);
-/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
-SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
@@ -46904,13 +47141,6 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
         body->observe(body->observer, command);
 }
 
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -47220,7 +47450,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
+        sbi_load_release(&allocator, body->loads + i);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);
@@ -47455,13 +47685,17 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     }
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    if (load->kind == SBI_LOAD_POTENTIAL) {
+        load->lines = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+        return;
+    }
     load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
-    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
 }
 
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
@@ -47470,13 +47704,19 @@ SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int row
     load->row_count = rows;
     load->pattern_version = -1;
     sbi_load_layout(load, entries, pairs, &arena);
-    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, arena.used, 1);
     if (!load->memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a load of %d rows", rows);
     arena.base = (unsigned char *)load->memory;
     arena.used = 0;
     sbi_load_layout(load, entries, pairs, &arena);
     return SB_OK;
+}
+
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load)
+{
+    sbi_free(allocator, load->line_memory);
+    sbi_free(allocator, load->memory);
 }
 
 /* Appends a load for which sbi_load_reserve found room. */
@@ -47518,7 +47758,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
             result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
     if (result == SB_OK)
-        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+        result = sbi_load_make(&body->allocator, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         int *nodes = load->nodes + load->row_start[f];
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -47667,7 +47907,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
         if (!sbi_size_add(&pairs, size, size))
             return sbi_fail_element(error, SB_ERROR_MEMORY, j, "row %d is too long", j);
     }
-    result = sbi_load_make(body, kind, rows, entries, pairs, &load, error);
+    result = sbi_load_make(&body->allocator, kind, rows, entries, pairs, &load, error);
     if (result != SB_OK)
         return result;
     memcpy(load.row_start, mapping->row_start, ((size_t)rows + 1) * sizeof(int));
@@ -47869,8 +48109,8 @@ static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
 
 static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
 {
-    sb_real from = load->balanced_stiffness[row];
-    return factor == 1 ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+    sb_real from = load->balanced_stiffness ? load->balanced_stiffness[row] : 0;
+    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
 }
 
 static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
@@ -47889,10 +48129,16 @@ static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
     return sb_v3_madd(sb_v3_scale(1 - sb_v3_dot(line, line), x), sb_v3_dot(line, x), line);
 }
 
-/* k (target - H^T u): the force of a row on the body. */
+/* Springs and mappings. */
+static int sbi_load_has_targets(const sbi_load *load) { return load->target != NULL; }
+
+/* The force of a row on the body: k (target - H^T u), or what the owner of a potential found. */
 static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
 {
-    sb_vec3 way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
+    sb_vec3 way;
+    if (load->kind == SBI_LOAD_POTENTIAL)
+        return load->force[row];
+    way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
     return sb_v3_scale(sbi_load_stiffness_at(load, row, factor), sbi_load_stiff_part(load, row, way));
 }
 
@@ -47953,6 +48199,15 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
 
 /* ---- all loads ---- */
 
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_POTENTIAL)
+            load->fill(load->fill_user, u, load->force, load->stiffness, load->lines);
+    }
+}
+
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
 {
     double size = 0;
@@ -47978,6 +48233,8 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
                 sb_vec3 *node = body->follower + nodes[a];
                 *node = sb_v3_madd(*node, load->weights[load->row_start[j] + a], pull);
             }
+            if (!sbi_load_has_targets(load))
+                continue;
             k = (double)sbi_load_stiffness_at(load, j, factor);
             reach = (double)sb_v3_norm(sbi_load_target_at(load, j, factor));
             size += k * reach * k * reach;
@@ -48115,7 +48372,7 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
 {
     double sum = 0;
     for (int l = 0; l < body->load_count; l++)
-        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+        for (int j = 0; sbi_load_has_targets(body->loads + l) && j < body->loads[l].row_count; j++)
             sum += sbi_load_row_energy(body->loads + l, j, u);
     return sum;
 }
@@ -48127,7 +48384,7 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
             double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
             sum += gain > 0 ? gain : 0;
@@ -48140,7 +48397,7 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && !load->balanced && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
         }
@@ -48153,7 +48410,7 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
         sbi_load *load = body->loads + l;
         load->balanced = 1;
         load->balanced_pressure = sbi_load_pressure_at(load, factor);
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
             load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
         }
@@ -48242,6 +48499,93 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
     return sbi_load_get_forces(body, load_id, SBI_LOAD_MAPPING, forces);
 }
 
+/* ---- for guests ---- */
+
+struct sbi_potential {
+    sb_allocator allocator;
+    sbi_load load;
+};
+
+SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
+                                       const sb_allocator *allocator, sbi_potential **potential, sb_error *error)
+{
+    int entries = rows->row_start[rows->row_count];
+    size_t pairs = 0;
+    sbi_potential *made = (sbi_potential *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    sb_result result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential");
+    for (int j = 0; j < rows->row_count && result == SB_OK; j++) {
+        size_t size = (size_t)(rows->row_start[j + 1] - rows->row_start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            result = sbi_fail(error, SB_ERROR_MEMORY, "a potential's rows are too long");
+    }
+    if (result == SB_OK)
+        result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        result = sbi_load_make(allocator, SBI_LOAD_POTENTIAL, rows->row_count, entries, pairs, &made->load, error);
+    if (result != SB_OK) {
+        sbi_free(allocator, made);
+        return result;
+    }
+    memcpy(made->load.row_start, rows->row_start, ((size_t)rows->row_count + 1) * sizeof(int));
+    memcpy(made->load.nodes, rows->nodes, (size_t)entries * sizeof(int));
+    memcpy(made->load.weights, rows->weights, (size_t)entries * sizeof(sb_real));
+    made->load.fill = fill;
+    made->load.fill_user = user;
+    made->allocator = *allocator;
+    *potential = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_potential_destroy(sbi_potential *potential)
+{
+    sb_allocator allocator;
+    if (!potential)
+        return;
+    allocator = potential->allocator;
+    sbi_load_release(&allocator, &potential->load);
+    sbi_free(&allocator, potential);
+}
+
+SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error)
+{
+    sb_result result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        body->loads[body->load_count++] = potential->load;
+    return result;
+}
+
+SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential)
+{
+    potential->load = body->loads[--body->load_count];
+}
+
+SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!load->line_memory)
+        load->line_memory = sbi_alloc(&body->allocator, (size_t)load->row_count, sizeof(sb_vec3));
+    return load->line_memory ? SB_OK : SB_ERROR_MEMORY;
+}
+
+SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const sb_vec3 *lines)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    size_t count = load ? (size_t)load->row_count : 0;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (lines && sbi_load_check_points(lines, load->row_count, NULL) != SB_OK)
+        return SB_ERROR_NOT_FINITE;
+    if (lines && sbi_body_reserve_mapping_lines(body, load_id) != SB_OK)
+        return SB_ERROR_MEMORY;
+    load->lines = lines ? (sb_vec3 *)load->line_memory : NULL;
+    if (lines)
+        memcpy(load->lines, lines, count * sizeof *lines);
+    sbi_body_tell(body, SBI_COMMAND_LINES, load_id, 0, NULL, 0, lines ? &lines[0].x : NULL, lines ? 3 * count : 0);
+    return SB_OK;
+}
+
 /* ---- removal ---- */
 
 /* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
@@ -48276,7 +48620,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
         return SB_ERROR_INDEX;
     if (load->balanced)
         sbi_load_fade(body, load);
-    sbi_free(&body->allocator, load->memory);
+    sbi_load_release(&body->allocator, load);
     after = (size_t)(body->loads + body->load_count - (load + 1));
     memmove(load, load + 1, after * sizeof *load);
     body->load_count--;
@@ -50588,7 +50932,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
         if (!sbi_size_add(&pairs, size, size))
             return sbi_live_rows_no_memory(error);
     }
-    result = sbi_load_make(rows->next, load->kind, rows->rows, rows->entries, pairs, made, error);
+    result = sbi_load_make(&rows->next->allocator, load->kind, rows->rows, rows->entries, pairs, made, error);
     if (result != SB_OK)
         return result;
     memcpy(made->row_start, rows->start, ((size_t)rows->rows + 1) * sizeof(int));
@@ -54834,93 +55178,6 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     return SB_OK;
 }
 
-/* ==== src/softbody/body/step_parts.h ==== */
-/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
- *
- *     sbi_step step;
- *     sb_result result = sbi_step_begin(body, dt, info, &step);
- *     do {
- *         while (result == SB_OK && !step.done) {
- *             result = sbi_step_solve(&step, guests, guest_count);
- *             if (result == SB_OK)
- *                 result = sbi_step_advance(&step);
- *         }
- *         if (result == SB_OK)
- *             result = sbi_step_commit(&step);
- *     } while (sbi_step_begin_again(&step, &result));
- *     return result == SB_OK ? result : sbi_step_undo(&step, result);
- *
- * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
- * change the body. */
-#ifndef SB_STEP_PARTS_H
-#define SB_STEP_PARTS_H
-
-
-struct sbi_guest;
-
-/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
-typedef struct sbi_step {
-    sb_body *body;
-    sb_step_info *info;
-    sb_step_info own_info;    /* where the caller wants none */
-    double begun;             /* on the body's clock (s) */
-    int dynamic;              /* 1: a time step; 0: a static solve */
-    int done;                 /* 1: nothing is left to be solved */
-    int iteration;            /* of Newton, from 0 */
-    sb_tangent_kind kind;     /* of the tangent in A */
-
-    /* what is solved */
-    sb_real dt;               /* s */
-    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
-    sb_real load_factor;      /* share of the way from start to target the supports go */
-    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
-                               * loads that follow the body have: 1 in a time step */
-    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
-    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
-    sb_real radius;           /* spectral radius of generalised alpha */
-    sb_real tolerance;        /* of the residual; a linearised step has none */
-    sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
-    int max_newton, max_iterations;
-    int line_search;
-    int linearised;           /* one iteration, taken as it is */
-    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
-                               * has it in A already */
-    int has_velocity;         /* v may differ from 0 at the current u */
-
-    /* where it is */
-    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
-    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
-    sb_real scale;            /* largest force (N), to compare residuals with */
-    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
-    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
-    int energy_known;
-    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
-    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
-} sbi_step;
-
-/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
- * the material or the solver refuses. */
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
-/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
- * not positive definite, it is made anew, projected, and solved again. */
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
-/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
- * system is ready. */
-SBI_API sb_result sbi_step_advance(sbi_step *step);
-/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
- * is told. A failure leaves the step open, as do all failures above. */
-SBI_API sb_result sbi_step_commit(sbi_step *step);
-/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
- * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
- * it. */
-SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
-SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
-
-#endif /* SB_STEP_PARTS_H */
-
 /* ==== src/softbody/body/step_private.h ==== */
 /* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
 #ifndef SB_STEP_PRIVATE_H
@@ -55079,7 +55336,7 @@ SBI_API sb_result sbi_step_force(sbi_step *step)
 
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : step->hold;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
@@ -55102,7 +55359,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     sb_body *b = step->body;
     double begin = sbi_step_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
-    if (step->dynamic)
+    if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
     if (step->lagged_damping) {
         sb_real factor = b->damping_stiffness * step->cv;
@@ -55240,6 +55497,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     if (result != SB_OK)
         return result;
     step->moves_supports = sbi_step_supports_move(step);
+    if (step->body->load_count)
+        sbi_loads_fill(step->body, step->body->displacement);
     if (step->linearised) /* its residual may need K v */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     sbi_step_residual(step);
@@ -56363,6 +56622,188 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     info->seconds_total = sbi_step_now(body) - begin;
     sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
+}
+
+/* ==== src/softbody/body/body_guest.c ==== */
+/* body_guest: readings for guests, a static iteration with a load from outside, and what it did as a command. */
+
+#include <string.h>
+
+
+/* ---- readings ---- */
+
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
+}
+
+SBI_API sb_mesh sbi_body_shape(const sb_body *body)
+{
+    sb_mesh mesh = sbi_body_mesh(body);
+    mesh.nodes = body->position;
+    return mesh;
+}
+
+SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
+SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
+SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
+SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
+SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body) { return body->target; }
+
+SBI_API sb_real sbi_body_young(const sb_body *body)
+{
+    double sum = 0;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+    return (sb_real)(sum / (double)body->domain.cell_count);
+}
+
+/* ---- shapes ---- */
+
+SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy)
+{
+    return sbi_assembly_energy(&body->assembly, u, energy);
+}
+
+/* Internal forces at the present shape. On failure the rotations' warm starts are what they were. */
+static sb_result sbi_body_current_force(sb_body *b, sb_error *error)
+{
+    int bad;
+    if (b->force_current)
+        return SB_OK;
+    sbi_assembly_save_rotations(&b->assembly);
+    bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    if (bad < 0)
+        return SB_OK;
+    sbi_assembly_restore_rotations(&b->assembly);
+    return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                            "element %d is inside out, which its material does not allow", bad);
+}
+
+/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape before,
+ * the preconditioner's memory is told. */
+SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
+{
+    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
+    int ints[SBI_PLACE_INTS];
+    uint64_t shift;
+    sbi_command command;
+    (void)sbi_body_current_force(body, NULL);
+    memcpy(body->displacement, u, (size_t)body->domain.node_count * sizeof *u);
+    sbi_body_update_positions(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    memset(&command, 0, sizeof command);
+    memcpy(&shift, &memory.shift, sizeof shift);
+    ints[0] = sbi_int_of(shift & 0xffffffffu);
+    ints[1] = sbi_int_of(shift >> 32);
+    ints[2] = memory.successes;
+    ints[3] = memory.wait;
+    command.code = SBI_COMMAND_PLACE;
+    command.ints = ints;
+    command.int_count = SBI_PLACE_INTS;
+    command.reals = &body->displacement[0].x;
+    command.real_count = 3 * (size_t)body->domain.node_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error)
+{
+    sbi_precond_memory memory;
+    uint64_t shift = (uint64_t)(uint32_t)ints[1] << 32 | (uint32_t)ints[0];
+    sb_result result;
+    memcpy(&memory.shift, &shift, sizeof shift);
+    memory.successes = ints[2];
+    memory.wait = ints[3];
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(u[i]))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the displacement of node %d is not finite", i);
+    if (!sbi_precond_is_memory(memory))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the memory of the preconditioner is none");
+    result = sbi_body_current_force(body, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, memory);
+    sbi_body_place(body, u);
+    return SB_OK;
+}
+
+/* ---- forces and stiffness ---- */
+
+SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *allocator, sb_direct **factor,
+                                       sb_error *error)
+{
+    sb_direct_def def = sb_default_direct_def();
+    def.positions = body->reference;
+    return sb_direct_create(&def, &body->matrix, allocator, factor, error);
+}
+
+/* Factor of the mass matrix that makes `hold` of it. */
+static sb_real sbi_body_hold_factor(const sb_body *body, sb_real hold)
+{
+    sb_real mass = sb_body_mass(body);
+    return mass > 0 ? hold / mass : 0;
+}
+
+SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error)
+{
+    sb_result result = sbi_body_current_force(b, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++)
+        residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+    sbi_body_add_mass(b, sbi_body_hold_factor(b, hold));
+    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
+    return sb_direct_update(factor, &b->matrix, error);
+}
+
+/* ---- one iteration with a load from outside ---- */
+
+SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
+                                  sb_step_info *info, sbi_step *step)
+{
+    sb_result result;
+    memset(step, 0, sizeof *step);
+    sbi_step_begin_info(info);
+    step->body = body;
+    step->info = info;
+    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->hold = sbi_body_hold_factor(body, hold);
+    step->linear_tolerance = tolerance;
+    step->linearised = 1;
+    step->max_iterations = body->max_iterations;
+    sbi_step_save(body);
+    result = sbi_potential_lend(body, potential, &info->error);
+    if (result != SB_OK) {
+        step->done = 1; /* it was not lent */
+        return result;
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        body->external[i] = sb_v3_madd(body->dead_load[i], body->load_mass[i], body->gravity);
+    return sbi_step_linearise(step);
+}
+
+SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step) { return step->body->increment; }
+
+SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_vec3 *u)
+{
+    sb_body *b = step->body;
+    if (!step->done)
+        sbi_potential_return(b, potential);
+    memcpy(b->external, b->saved_external, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (u)
+        sbi_body_place(b, u);
+    else
+        sbi_step_restore(b);
 }
 
 /* ==== src/softbody/body/modes.c ==== */
@@ -57770,7 +58211,7 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
                                              walk->error));
     if (walk->result != SB_OK)
         return;
@@ -57810,7 +58251,7 @@ static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int co
 static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
 {
     for (int i = 0; i < count; i++)
-        sbi_free(&body->allocator, loads[i].memory);
+        sbi_load_release(&body->allocator, loads + i);
     sbi_free(&body->allocator, loads);
 }
 
@@ -58957,6 +59398,18 @@ static sb_result sbi_play_stiffness(sb_body *body, const sbi_command *c, sb_erro
                                           : sb_body_set_mapping_stiffness(body, c->a, c->reals, c->b);
 }
 
+static sb_result sbi_play_lines(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->real_count != 0 && c->real_count != 3 * sbi_record_load_rows(body, c->a))
+        return sbi_record_refuse_counts(c, error);
+    return sbi_body_set_mapping_lines(body, c->a, c->real_count ? sbi_record_vectors(c) : NULL);
+}
+
+static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -59057,6 +59510,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
     {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
+    {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
+    {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)

@@ -26,8 +26,9 @@
  *                             #if !defined(MACRO), and a part that includes it must name the same macros
  *
  * Every part is copied as it is, with LF line ends and without its #include "..." lines; each of those must name
- * a part that stands higher up, in a folder that its own may include: so no room calls a higher floor. FILE... are the files found in the
- * folder (the Makefile lists them, C99 cannot): one that no manifest line names is an error, so that no room is
+ * a part that stands higher up, in a folder that its own may include: so no room calls a higher floor. Of the required
+ * header all rooms may be included but NAME_private.h, which hold what is inside its objects. FILE... are the files found in
+ * the folder (the Makefile lists them, C99 cannot): one that no manifest line names is an error, so that no room is
  * forgotten. On any error the tool says what is wrong on stderr, returns 1 and leaves the output as it was. */
 #include <ctype.h>
 #include <stdarg.h>
@@ -454,15 +455,20 @@ static int has_switch(const part *p, const char *name)
     return 0;
 }
 
-/* A local #include must name a part above this one, in a folder that this one's may include; then it may go. */
+/* A local #include must name a part above this one, in a folder that this one's may include, or a part of the required
+ * header that is not private to it; then it may go. */
 static void check_include(const manifest *m, int part_index, const char *name, size_t length, int line)
 {
+    static const char private_end[] = "_private.h";
     const part *p = &m->parts[part_index];
     char path[MAX_NAME];
     int found;
     resolve_include(path, p->path, name, length);
-    if (*m->required && strncmp(path, m->folder, strlen(m->folder)) != 0)
-        return; /* a room of the required header, which has been included */
+    if (*m->required && strncmp(path, m->folder, strlen(m->folder)) != 0) { /* a room of the required header */
+        if (strlen(path) >= strlen(private_end) && strcmp(path + strlen(path) - strlen(private_end), private_end) == 0)
+            fail("%s:%d: includes %.*s, which is private to %s", p->path, line, (int)length, name, m->required);
+        return;
+    }
     found = find_part(m, path);
     if (found < 0)
         fail("%s:%d: includes %.*s, which is no part", p->path, line, (int)length, name);

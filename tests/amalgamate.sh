@@ -66,6 +66,8 @@ fresh && rm src/room/a.c && refuses "missing part" "src/room/a.c: cannot be open
 fresh && echo "a.c" >>src/room/manifest.txt && refuses "part named twice" "a.c is named twice"
 fresh && touch src/room/b.c && refuses "part forgotten" "src/room/b.c is in the folder"
 fresh && echo '#include "b.h"' >>src/room/a.c && refuses "include of no part" "a.c:7: includes b.h, which is no part"
+fresh && echo 'requires other.h' >>src/room/manifest.txt && echo '#include "../other/b_private.h"' >>src/room/a.h &&
+    refuses "include of what is private to a required header" "a.h:10: includes ../other/b_private.h, which is private to other.h"
 fresh && echo '#include "a.c"' >>src/room/a.h && refuses "include of a higher floor" "a.h:10: includes a.c, which stands"
 fresh && mkdir -p src/room/low src/room/high && echo '#include "../high/h.h"' >src/room/low/l.c && echo '#define H' >src/room/high/h.h &&
     sed -i 's/^section top/folder high\nfolder low\nsection top/; s/^a.c/high\/h.h\nlow\/l.c\na.c/' src/room/manifest.txt &&

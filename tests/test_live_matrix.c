@@ -556,8 +556,78 @@ static void test_assembly(void) { check_assembly(0); }
 static void test_assembly_of_two(void) { check_assembly(1); }
 static void test_assembly_of_any(void) { check_assembly(2); }
 
+/* ---- preconditioners ---- */
+
+/* Values that depend on row and column only, positive definite. */
+static void fill_definite(sb_matrix *a)
+{
+    fill_by_index(a);
+    for (int i = 0; i < a->row_count; i++)
+        for (int k = 0; k < 9; k += 4)
+            a->blocks[a->diagonal[i]][k] += 40;
+}
+
+/* A preconditioner of each kind, made of a matrix that has followed changes, gives the bits of one made of a compact matrix,
+ * and refuses the matrix once it has changed again. */
+static void test_preconditioners(void)
+{
+    live_mesh m = live_mesh_box(6, 6, 12, 2), before = live_mesh_make(m.node_room, m.cell_room);
+    sb_matrix a = live_matrix(&m, 0.1, NULL), fresh;
+    unsigned long long seed = 9;
+    sbi_matrix_couplings one = {0, NULL, 1, NULL};
+    int pair[2];
+    sb_preconditioner *of[8][2];
+    sb_real *r;
+    live_change c;
+    live_mesh_begin(&m);
+    live_mesh_copy(&before, &m);
+    for (int op = 0; op < 60; op++)
+        live_mesh_operate(&m, &seed);
+    c = live_mesh_difference(&before, &m, 0);
+    change_matrix(&a, &c);
+    live_change_free(&c);
+    fresh = fresh_matrix(&m, NULL, 0);
+    CHECK(a.block_count > fresh.block_count);
+    fill_definite(&a);
+    fill_definite(&fresh);
+    memset(a.fixed, 0, (size_t)a.row_count); /* as in the compact one */
+    r = (sb_real *)calloc(9 * (size_t)a.row_count, sizeof(sb_real));
+    for (int k = 0; k < 3 * a.row_count; k++)
+        r[k] = (sb_real)check_random_in(&seed, -1, 1);
+    for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_MULTIGRID; kind++) {
+        sb_preconditioner_def def = sb_default_preconditioner_def();
+        def.kind = (sb_precond_kind)kind;
+        def.positions = m.X;
+        for (int k = 0; k < 2; k++) {
+            sb_real *z = r + (1 + k) * 3 * a.row_count;
+            CHECK_OK(sb_preconditioner_create(&def, k ? &fresh : &a, NULL, &of[kind][k], NULL));
+            CHECK_OK(sb_preconditioner_update(of[kind][k], k ? &fresh : &a, m.X, NULL));
+            sb_preconditioner_apply(of[kind][k], r, z);
+        }
+        CHECK(memcmp(r + 3 * a.row_count, r + 6 * a.row_count, 3 * (size_t)a.row_count * sizeof(sb_real)) == 0);
+    }
+    for (pair[0] = 0; a.row_end[pair[0]] - a.row_start[pair[0]] == 1; pair[0]++)
+        continue;
+    pair[1] = a.columns[a.row_end[pair[0]] - 1];
+    one.made = pair; /* there already: nothing moves, but it is another pattern all the same */
+    CHECK_OK(sbi_matrix_reserve(&a, NULL, &one, NULL));
+    sbi_matrix_follow(&a, NULL, &one);
+    for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_MULTIGRID; kind++)
+        for (int k = 0; k < 2; k++) {
+            CHECK_RESULT(sb_preconditioner_update(of[kind][k], k ? &fresh : &a, NULL, NULL),
+                         k ? SB_OK : SB_ERROR_ARGUMENT);
+            sb_preconditioner_free(of[kind][k]);
+        }
+    free(r);
+    sb_matrix_free(&a);
+    sb_matrix_free(&fresh);
+    live_mesh_free(&m);
+    live_mesh_free(&before);
+}
+
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
             {"changes taken back", test_undo}, {"couplings of others", test_other_couplings},
             {"no memory", test_no_memory}, {"parts come apart and meet", test_parts},
             {"assembly", test_assembly}, {"assembly of two materials", test_assembly_of_two},
-            {"assembly of any material", test_assembly_of_any});
+            {"assembly of any material", test_assembly_of_any},
+            {"preconditioners", test_preconditioners});

@@ -594,9 +594,9 @@ static void test_borrowed(void)
             CHECK_OK(sb_body_energy(made.body, &energy));
             CHECK(energy.springs == 0 && energy.elastic > 0);
             CHECK_OK(sb_recording_start(made.body, 0, NULL, &recording, NULL));
-            CHECK(reg_nicp_step(nicp, &info) == SB_ERROR_UNSUPPORTED && info.stop == REG_NICP_FAILED);
-            sb_recording_destroy(recording);
             CHECK_OK(reg_nicp_step(nicp, &info));
+            CHECK(sb_recording_get_info(recording).steps == 1);
+            sb_recording_destroy(recording);
         }
         reg_nicp_destroy(nicp);
         CHECK(sb_body_remove_load(made.body, 1) == SB_ERROR_INDEX);
@@ -778,7 +778,6 @@ static void test_refusals(void)
     if (make_block(&made, SB_TET4, soft(), 1, no_jobs())) {
         reg_nicp_def def = def_of(&made), bad = def;
         sb_real *numbers[8];
-        sb_recording *recording = NULL;
         numbers[0] = &bad.blending;
         numbers[1] = &bad.sliding;
         numbers[2] = &bad.last_reach;
@@ -843,9 +842,6 @@ static void test_refusals(void)
         bad = def;
         bad.surface = &made.mesh; /* of volumes */
         refuse(&bad, SB_ERROR_ARGUMENT);
-        CHECK_OK(sb_recording_start(made.body, 0, NULL, &recording, NULL));
-        refuse(&def, SB_ERROR_UNSUPPORTED);
-        sb_recording_destroy(recording);
         CHECK(reg_nicp_create(&def, NULL, NULL) == SB_ERROR_ARGUMENT);
         CHECK(reg_nicp_step(NULL, NULL) == SB_ERROR_ARGUMENT);
         CHECK(reg_nicp_run(NULL, 1, NULL) == SB_ERROR_ARGUMENT);

@@ -633,23 +633,20 @@ static void check_replay(const actor *a, const sb_recording *recording, const sc
     sb_body_destroy(other);
 }
 
-/* The act while the body is recorded, or just before that begins. Returns 1 when it was refused. */
-static int play(const act *what, const scheme *how, int before)
+/* The act while the body is recorded, or just before that begins. */
+static void play(const act *what, const scheme *how, int before)
 {
     actor a;
     sb_recording *recording = NULL;
     sb_result result = SB_OK;
     if (make_actor(&a, what, how)) {
-        uint64_t hash;
         if (before)
             result = what->run(&a);
         CHECK_OK(sb_recording_start(a.body, 1, NULL, &recording, NULL));
         CHECK_OK(sb_body_step(a.body, REAL(0.002), NULL));
-        hash = sb_body_state_hash(a.body);
         if (!before)
             result = what->run(&a);
-        if (result != SB_OK && !CHECK(!before && result == SB_ERROR_UNSUPPORTED && a.error.result == result &&
-                                      strstr(a.error.message, "recorded") && sb_body_state_hash(a.body) == hash))
+        if (!CHECK_OK(result))
             printf("%s: %s: %s\n", what->name, sb_result_string(result), a.error.message);
         CHECK_OK(sb_body_step(a.body, REAL(0.002), NULL));
         CHECK_OK(sb_body_step(a.body, REAL(0.001), NULL));
@@ -657,21 +654,18 @@ static int play(const act *what, const scheme *how, int before)
     }
     sb_recording_destroy(recording);
     free_actor(&a);
-    return result != SB_OK;
 }
 
 static void check_scheme(sb_element_type element, sb_integrator integrator, sb_precond_kind precond)
 {
     scheme how;
-    int refused = 0;
     how.element = element;
     how.integrator = integrator;
     how.precond = precond;
     for (int i = 0; i < ACT_COUNT; i++) {
-        refused += play(acts + i, &how, 0);
-        refused += play(acts + i, &how, 1);
+        play(acts + i, &how, 0);
+        play(acts + i, &how, 1);
     }
-    CHECK_INT(refused, 7); /* the registrations: of match and nicp creation, step and run; of loads the run */
 }
 
 static void test_tet4(void) { check_scheme(SB_TET4, SB_NEWMARK, SB_PRECOND_AUTO); }
@@ -699,12 +693,51 @@ static int takes_body(const char *declaration)
     return 0;
 }
 
+/* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c; listeners change no body. */
 static int has_act(const char *name)
 {
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create", "sb_body_change_begin", "sb_body_listen",
+                                            "sb_body_unlisten"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;
-    return strcmp(name, "sb_body_destroy") == 0 || strcmp(name, "sb_body_create") == 0;
+    for (size_t i = 0; i < sizeof elsewhere / sizeof *elsewhere; i++)
+        if (strcmp(name, elsewhere[i]) == 0)
+            return 1;
+    return 0;
+}
+
+/* A match that finds nothing to match leaves a recorded body as it was to the last bit, and no trace in the recording. */
+static void test_failed_match(void)
+{
+    const act match = {"reg_match_step", act_match_step, ACTOR_MATCHED};
+    scheme how;
+    actor a;
+    reg_match_def def = reg_default_match_def();
+    sb_recording *recording = NULL;
+    how.element = SB_TET4;
+    how.integrator = SB_NEWMARK;
+    how.precond = SB_PRECOND_AUTO;
+    if (make_actor(&a, &match, &how)) {
+        reg_match *far = NULL;
+        uint64_t hash;
+        for (int i = 0; i < a.target.node_count; i++)
+            a.target.nodes[i].x += 1;
+        def.body = a.body;
+        def.target = &a.target;
+        def.partial = 1;
+        CHECK_OK(reg_match_create(&def, &far, NULL));
+        CHECK_OK(sb_recording_start(a.body, 1, NULL, &recording, NULL));
+        hash = sb_body_state_hash(a.body);
+        CHECK(reg_match_step(far, NULL) == SB_ERROR_NOT_CONVERGED);
+        CHECK(sb_body_state_hash(a.body) == hash);
+        CHECK_INT(sb_recording_get_info(recording).commands, 0);
+        CHECK_OK(sb_body_step(a.body, REAL(0.002), NULL));
+        check_replay(&a, recording, &how, "failed match");
+        reg_match_destroy(far);
+    }
+    sb_recording_destroy(recording);
+    free_actor(&a);
 }
 
 /* Looks at every public declaration of a header. Returns how many change bodies; -1: no such file. */
@@ -751,4 +784,4 @@ static void test_all_named(void)
 
 CHECK_SUITE(recorded, {"tet4, Newmark", test_tet4}, {"hex8, Euler, IC(0)", test_hex8},
             {"generalised alpha, factor", test_factor}, {"multigrid", test_multigrid},
-            {"central differences", test_explicit}, {"no function is missing", test_all_named});
+            {"central differences", test_explicit}, {"a match that fails", test_failed_match}, {"no function is missing", test_all_named});

@@ -65,6 +65,10 @@ typedef struct regi_loads {
     sb_real *touch;        /* [nodes] facets */
     sb_vec3 *force;        /* [nodes] found (N) */
     sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
+    sb_vec3 *increment;    /* [nodes] of a round (m) */
+    const unsigned char *fixed; /* [nodes] axes of the body's supports */
+    int *held_nodes;       /* [nodes] scratch: nodes held along the same axes, */
+    sb_vec3 *held_goals;   /* [nodes] and where they are sent */
     sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
     int posed;             /* 1: the pose is sought, too */
     sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
@@ -111,9 +115,9 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
     if (def->match->method != REG_PBSM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
-    if (def->match->body->load_count > 0 || def->match->body->elimination)
+    if (sbi_body_load_count(def->match->body) > 0 || sbi_body_has_constraints(def->match->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return sbi_body_check_unrecorded(def->match->body, error);
+    return SB_OK;
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }
@@ -141,7 +145,7 @@ static void regi_loads_measure_nodes(regi_loads *l)
     l->total_area = 0;
     for (int i = 0; i < l->node_count; i++) {
         l->total_area += (double)l->area[i];
-        if (l->area[i] > 0 && l->body->fixed[i] != SB_XYZ)
+        if (l->area[i] > 0 && l->fixed[i] != SB_XYZ)
             l->load_nodes[l->load_count++] = i;
     }
 }
@@ -149,10 +153,10 @@ static void regi_loads_measure_nodes(regi_loads *l)
 static sb_vec3 regi_loads_rest_point(const regi_loads *l, int charge)
 {
     int width = l->match->width;
-    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    const int *nodes = regi_match_nodes(l->match, charge);
     sb_vec3 x = sb_v3(0, 0, 0);
     for (int a = 0; a < width; a++)
-        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->body->reference[nodes[a]]);
+        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->match->mesh.nodes[nodes[a]]);
     return x;
 }
 
@@ -197,11 +201,11 @@ static void regi_loads_cut_parts(regi_loads *l)
 static void regi_loads_add_point(const regi_loads *l, int charge, sb_vec3 line, sb_real weight, sb_real *row)
 {
     int width = l->match->width;
-    const int *nodes = l->body->domain.cells + (size_t)l->match->charges[charge].element * (size_t)width;
+    const int *nodes = regi_match_nodes(l->match, charge);
     const sb_real *weights = l->match->weights + (size_t)charge * (size_t)width;
     for (int a = 0; a < width; a++) {
         sb_real *to = row + 3 * (size_t)nodes[a], share = weight * weights[a];
-        unsigned char held = l->body->fixed[nodes[a]];
+        unsigned char held = l->fixed[nodes[a]];
         to[0] += held & SB_X ? 0 : share * line.x;
         to[1] += held & SB_Y ? 0 : share * line.y;
         to[2] += held & SB_Z ? 0 : share * line.z;
@@ -331,24 +335,11 @@ static void regi_loads_sample_drag(regi_loads *l, int sample, int index, sb_real
         -l->likely[REGI_LOADS_POSE + axis] * sb_v3_dot(motion, l->drag);
 }
 
-/* Forces and stiffness of the present shape, factored. */
+/* Forces and stiffness of the present shape, factored. The mass holds what nothing holds; it acts on a round's motion
+ * only, so that the end does not notice. */
 static sb_result regi_loads_stiffness(regi_loads *l, sb_error *error)
 {
-    sb_body *b = l->body;
-    sb_real mass = sb_body_mass(b), hold;
-    int bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
-    b->force_current = bad < 0;
-    if (bad >= 0)
-        return sbi_fail_element(error, SB_ERROR_INVERTED, bad, "element %d is inside out, which its material does not "
-                                "allow", bad);
-    for (int i = 0; i < l->node_count; i++)
-        l->residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
-    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
-    /* holds what nothing holds; it acts on a round's motion only, so that the end does not notice */
-    hold = (sb_real)0.1 * l->match->young * l->match->size;
-    sbi_body_add_mass(b, mass > 0 ? hold / mass : 0);
-    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
-    return sb_direct_update(l->direct, &b->matrix, error);
+    return sbi_body_factor(l->body, (sb_real)0.1 * l->match->young * l->match->size, l->residual, l->direct, error);
 }
 
 /* Numbers the samples of a round: parts of which something is near the target, landmarks, what is dragged. */
@@ -450,7 +441,7 @@ static sb_real regi_loads_load_parts(regi_loads *l)
         sb_real load = 0, area = 0;
         for (int k = l->part_start[s]; k < l->part_start[s + 1]; k++) {
             const regi_match_charge *charge = l->match->charges + l->part_charges[k];
-            const int *nodes = l->body->domain.cells + (size_t)charge->element * (size_t)width;
+            const int *nodes = regi_match_nodes(l->match, l->part_charges[k]);
             const sb_real *weights = l->match->weights + (size_t)l->part_charges[k] * (size_t)width;
             sb_real traction = 0;
             for (int a = 0; a < width; a++)
@@ -699,34 +690,49 @@ static void regi_loads_turn(regi_loads *l)
     way = sb_v3_add(l->centre, sb_v3(d[0], d[1], d[2]));
     rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(d[3], d[4], d[5])));
     for (int i = 0; i < l->node_count; i++) {
-        sb_vec3 x = l->body->position[i], turned = sb_m3_apply(rotation, sb_v3_sub(x, l->centre));
-        sb_vec3 step = sb_m3_apply(rotation, l->body->increment[i]);
-        l->body->increment[i] = sb_v3_add(step, sb_v3_sub(sb_v3_add(turned, way), x));
+        sb_vec3 x = sb_body_positions(l->body)[i], turned = sb_m3_apply(rotation, sb_v3_sub(x, l->centre));
+        sb_vec3 step = sb_m3_apply(rotation, l->increment[i]);
+        l->increment[i] = sb_v3_add(step, sb_v3_sub(sb_v3_add(turned, way), x));
     }
 }
 
-/* The body's increment is taken, and its supports go along with the pose. */
+/* Sends held nodes to displacements[nodes]. */
+static void regi_loads_hold(regi_loads *l, const sb_vec3 *displacements)
+{
+    for (int axes = 1; axes <= SB_XYZ; axes++) {
+        int count = 0;
+        for (int i = 0; i < l->node_count; i++)
+            if (l->fixed[i] == axes) {
+                l->held_nodes[count] = i;
+                l->held_goals[count++] = displacements[i];
+            }
+        if (count > 0)
+            (void)sb_body_prescribe(l->body, l->held_nodes, count, axes, l->held_goals, 0);
+    }
+}
+
+/* The increment is taken, and the body's supports go along with the pose. */
 static sb_result regi_loads_move(regi_loads *l, sb_error *error)
 {
-    sb_body *b = l->body;
     sb_real planned = 0, share;
     sb_result result;
     if (l->posed)
         regi_loads_turn(l);
     for (int i = 0; i < l->node_count; i++)
-        planned = sb_max(planned, sb_v3_norm(b->increment[i]));
-    result = regi_match_move(l->match);
+        planned = sb_max(planned, sb_v3_norm(l->increment[i]));
+    result = regi_match_shorten(l->match, l->increment);
     if (result != SB_OK) {
         if (error)
             *error = l->match->info.error;
         return result;
     }
+    sbi_body_place(l->body, l->match->trial);
     l->info.change = l->match->info.change;
     share = planned > 0 ? l->info.change / planned : 1;
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->pose[k] += share * (l->next[k] - l->pose[k]);
-    for (int i = 0; i < l->node_count && l->posed; i++)
-        b->target[i] = sbi_body_pick_axes(b->fixed[i], b->displacement[i], b->target[i]);
+    if (l->posed)
+        regi_loads_hold(l, sb_body_displacements(l->body));
     return SB_OK;
 }
 
@@ -755,9 +761,8 @@ static sb_result regi_loads_round(regi_loads *l, int round, sb_error *error)
     if (result != SB_OK)
         return result;
     for (int i = 0; i < l->node_count; i++)
-        l->body->rhs[i] = sbi_body_pick_axes(l->body->fixed[i], sb_v3(0, 0, 0),
-                                             sb_v3_sub(l->force[i], l->residual[i]));
-    (void)sb_direct_solve(l->direct, &l->body->rhs[0].x, &l->body->increment[0].x, 1);
+        l->increment[i] = sbi_body_pick_axes(l->fixed[i], sb_v3(0, 0, 0), sb_v3_sub(l->force[i], l->residual[i]));
+    (void)sb_direct_solve(l->direct, &l->increment[0].x, &l->increment[0].x, 1);
     l->info.sample_misfit = regi_loads_misfit(l);
     result = regi_loads_move(l, error);
     l->info.rounds += result == SB_OK;
@@ -798,6 +803,9 @@ static void regi_loads_layout(regi_loads *l, sbi_arena *arena)
     l->touch = (sb_real *)sbi_arena_take(arena, n, real);
     l->force = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->residual = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->increment = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    l->held_nodes = (int *)sbi_arena_take(arena, n, sizeof(int));
+    l->held_goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->before = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->goals = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
     l->free_rows = (sb_real *)sbi_arena_take(arena, samples, REGI_LOADS_FREE * real);
@@ -808,11 +816,11 @@ static void regi_loads_begin_pose(regi_loads *l)
 {
     int held = 0, count = 0;
     for (int i = 0; i < l->node_count; i++)
-        held += l->body->fixed[i] == SB_XYZ;
+        held += l->fixed[i] == SB_XYZ;
     l->posed = l->def->pose > 0;
     for (int i = 0; i < l->node_count; i++)
-        if (held == 0 || l->body->fixed[i] == SB_XYZ)
-            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(l->body->position[i], l->centre));
+        if (held == 0 || l->fixed[i] == SB_XYZ)
+            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
     for (int k = REGI_LOADS_POSE; k < REGI_LOADS_FREE; k++)
@@ -835,13 +843,11 @@ static int regi_loads_part_count(const regi_loads *l)
 static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
 {
     const sb_allocator *allocator = &l->def->allocator;
-    sb_direct_def direct = sb_default_direct_def();
-    sb_mesh mesh = regi_match_mesh(l->body);
+    sb_mesh mesh = l->match->mesh;
     sbi_arena arena;
     sb_result result = sb_mesh_boundary(&mesh, 1, allocator, &l->boundary, error);
-    direct.positions = l->body->reference;
     if (result == SB_OK)
-        result = sb_direct_create(&direct, &l->body->matrix, allocator, &l->direct, error);
+        result = sbi_body_make_factor(l->body, allocator, &l->direct, error);
     if (result != SB_OK)
         return result;
     l->node_count = mesh.node_count;
@@ -858,8 +864,8 @@ static sb_result regi_loads_prepare(regi_loads *l, sb_error *error)
     arena.base = (unsigned char *)l->memory;
     arena.used = 0;
     regi_loads_layout(l, &arena);
-    memcpy(l->before, l->body->displacement, (size_t)l->node_count * sizeof(sb_vec3));
-    memcpy(l->goals, l->body->target, (size_t)l->node_count * sizeof(sb_vec3));
+    memcpy(l->before, sb_body_displacements(l->body), (size_t)l->node_count * sizeof(sb_vec3));
+    memcpy(l->goals, sbi_body_targets(l->body), (size_t)l->node_count * sizeof(sb_vec3));
     regi_loads_begin_pose(l);
     regi_loads_measure_nodes(l);
     regi_loads_cut_parts(l);
@@ -887,8 +893,9 @@ static sb_result regi_loads_find(regi_loads *l, sb_vec3 *forces, sb_error *error
         if ((l->drag_looks > 0 || !regi_loads_is_at_rest(l, (sb_real)1e-3)) && !regi_loads_is_late(l))
             result = regi_loads_round(l, round, error);
     if (result != SB_OK) {
-        (void)sb_body_set_displacements(l->body, l->before);
-        memcpy(l->body->target, l->goals, (size_t)l->node_count * sizeof(sb_vec3));
+        sbi_body_place(l->body, l->before);
+        if (l->posed)
+            regi_loads_hold(l, l->goals);
         return result;
     }
     most = regi_loads_tractions(l);
@@ -912,6 +919,7 @@ REG_API sb_result reg_loads_run(const reg_loads_def *def, sb_vec3 *forces, reg_l
         loads.def = def;
         loads.match = def->match;
         loads.body = def->match->body;
+        loads.fixed = sb_body_supports(loads.body);
         loads.begun = regi_loads_now(&loads);
         result = regi_loads_find(&loads, forces, &loads.info.error);
         loads.info.seconds = regi_loads_now(&loads) - loads.begun;

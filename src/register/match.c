@@ -87,13 +87,11 @@ static sb_result regi_match_check(const reg_match_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "there is no method %d of matching", (int)def->method);
     if (def->partial != SB_AUTO && def->partial != 0 && def->partial != 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "partial is %d, not 0, 1 or SB_AUTO", def->partial);
-    if (def->body->elimination)
+    if (sbi_body_has_constraints(def->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body with constraints cannot be matched");
-    if (def->body->domain.element_type == SB_CUSTOM)
+    if (sbi_body_mesh(def->body).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be matched");
-    result = sbi_body_check_unrecorded(def->body, error);
-    if (result == SB_OK)
-        result = regi_match_check_numbers(def, error);
+    result = regi_match_check_numbers(def, error);
     return result == SB_OK ? regi_match_check_landmarks(def, error) : result;
 }
 
@@ -166,22 +164,10 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
     return result;
 }
 
-REGI_API sb_mesh regi_match_mesh(const sb_body *body)
-{
-    sb_mesh mesh;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.node_count = body->domain.node_count;
-    mesh.nodes = body->reference;
-    mesh.element_type = body->domain.element_type;
-    mesh.element_count = body->domain.cell_count;
-    mesh.elements = body->domain.cells;
-    return mesh;
-}
-
 /* Charges of the def's surface, or of the body's boundary. */
 static sb_result regi_match_find_sites(const reg_match_def *def, regi_match_sites *sites, sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     memset(sites, 0, sizeof *sites);
@@ -230,7 +216,7 @@ static sb_result regi_match_embed(const sb_mesh *mesh, const sb_vec3 *points, in
     embed.kind = SB_EMBED_PLAIN;
     embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
-    embed.jobs = def->body->jobs;
+    embed.jobs = *sbi_body_jobs(def->body);
     return sb_embedding_create(&embed, embedding, error);
 }
 
@@ -262,15 +248,13 @@ static void regi_match_settle_points(const sb_embedding *embedding, const sb_mes
 static void regi_match_layout(reg_match *match, sbi_arena *arena)
 {
     size_t charges = (size_t)match->charge_count, all = charges + (size_t)match->landmark_count;
-    size_t width = (size_t)match->width, nodes = (size_t)match->body->domain.node_count;
+    size_t width = (size_t)match->width, nodes = (size_t)match->mesh.node_count;
     match->charges = (regi_match_charge *)sbi_arena_take(arena, all, sizeof(regi_match_charge));
     match->weights = (sb_real *)sbi_arena_take(arena, all, width * sizeof(sb_real));
     match->gradients = (sb_vec3 *)sbi_arena_take(arena, charges, width * sizeof(sb_vec3));
     match->targets = (sb_vec3 *)sbi_arena_take(arena, (size_t)match->landmark_count, sizeof(sb_vec3));
-    match->pull = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->trial = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     match->last = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    match->local = (sb_real *)sbi_arena_take(arena, 3 * width, 3 * width * sizeof(sb_real));
 }
 
 static sb_result regi_match_allocate(reg_match *match, sb_error *error)
@@ -290,7 +274,7 @@ static sb_result regi_match_allocate(reg_match *match, sb_error *error)
 static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, const regi_match_sites *sites,
                                  sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(match->body);
+    sb_mesh mesh = match->mesh;
     size_t charges = (size_t)match->charge_count;
     for (int kind = 0; kind < 2; kind++) {
         const sb_vec3 *points = kind == 0 ? sites->points : def->landmarks;
@@ -329,7 +313,7 @@ static sb_result regi_match_hold(reg_match *match, const reg_match_def *def, con
 static sb_result regi_match_make_field(reg_match *match, const reg_match_def *def, sb_error *error)
 {
     reg_field_def field = reg_default_field_def();
-    sb_mesh mesh = regi_match_mesh(match->body);
+    sb_mesh mesh = match->mesh;
     field.kind = def->method == REG_PBSM_LAPLACE ? REG_FIELD_LAPLACE : REG_FIELD_DISTANCE;
     field.surface = def->target;
     field.points = def->target_points;
@@ -337,32 +321,25 @@ static sb_result regi_match_make_field(reg_match *match, const reg_match_def *de
     field.point_count = def->target_count;
     field.cells = def->cells;
     field.allocator = def->allocator;
-    field.jobs = match->body->jobs;
+    field.jobs = *sbi_body_jobs(match->body);
     sb_mesh_bounds(&mesh, &field.low, &field.high);
     return reg_field_create(&field, &match->field, error);
 }
 
-/* What charges are measured with: Young's modulus, as mean over the elements. */
-static sb_real regi_match_young(const sb_body *body)
-{
-    double sum = 0;
-    for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    return (sb_real)(sum / (double)body->domain.cell_count);
-}
-
 static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    sb_mesh mesh = regi_match_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(&mesh, &low, &high);
     match->body = def->body;
+    match->mesh = mesh;
+    match->shape = sb_body_displacements(def->body);
     match->clock = def->clock;
     match->method = def->method;
     match->width = sb_mesh_element_width(&mesh);
     match->size = sb_v3_norm(sb_v3_sub(high, low));
-    match->young = regi_match_young(def->body);
+    match->young = sbi_body_young(def->body); /* what charges are measured with */
     if (!sb_is_finite(match->young) || !(match->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)match->young);
     match->rounding = (sb_real)0.5 * def->sampling * match->size;
@@ -383,6 +360,35 @@ static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_e
     return SB_OK;
 }
 
+/* Rows of charges and landmarks, for the body's solver. */
+static sb_result regi_match_make_potential(reg_match *match, sb_error *error)
+{
+    size_t rows = (size_t)match->charge_count + (size_t)match->landmark_count, width = (size_t)match->width;
+    int *start, *nodes;
+    sb_mapping mapping;
+    sb_result result = SB_OK;
+    if (rows * width > INT32_MAX)
+        return sbi_fail(error, SB_ERROR_MEMORY, "%d charges have too many nodes", match->charge_count);
+    start = (int *)sbi_alloc(&match->allocator, rows + 1, sizeof(int));
+    nodes = (int *)sbi_alloc(&match->allocator, rows * width, sizeof(int));
+    if (!start || !nodes)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d charges", match->charge_count);
+    for (size_t i = 0; i <= rows && result == SB_OK; i++)
+        start[i] = (int)(i * width);
+    for (size_t i = 0; i < rows && result == SB_OK; i++)
+        memcpy(nodes + i * width, regi_match_nodes(match, (int)i), width * sizeof(int));
+    mapping.row_count = (int)rows;
+    mapping.row_start = start;
+    mapping.nodes = nodes;
+    mapping.weights = match->weights;
+    if (result == SB_OK)
+        result = sbi_potential_create(match->body, &mapping, regi_match_fill, match, &match->allocator,
+                                      &match->potential, error);
+    sbi_free(&match->allocator, start);
+    sbi_free(&match->allocator, nodes);
+    return result;
+}
+
 static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb_error *error)
 {
     regi_match_sites sites;
@@ -400,6 +406,8 @@ static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb
     if (result == SB_OK)
         result = regi_match_hold(match, def, &sites, error);
     regi_match_free_sites(&def->allocator, &sites);
+    if (result == SB_OK)
+        result = regi_match_make_potential(match, error);
     if (result == SB_OK && match->landmark_count)
         memcpy(match->targets, def->landmark_targets, (size_t)match->landmark_count * sizeof(sb_vec3));
     return result;
@@ -434,6 +442,7 @@ REG_API void reg_match_destroy(reg_match *match)
         return;
     allocator = match->allocator;
     reg_field_destroy(match->field);
+    sbi_potential_destroy(match->potential);
     sbi_free(&allocator, match->memory);
     sbi_free(&allocator, match);
 }

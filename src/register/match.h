@@ -100,14 +100,14 @@ typedef struct reg_match_info {
     int pcg_iterations;       /* of the last step */
     double seconds;           /* of all steps; with a clock, as are those of the last step: */
     double seconds_field;     /* looking for the target, */
-    double seconds_system;    /* forces and tangent, */
+    double seconds_system;    /* forces, tangent and preconditioner, */
     double seconds_solve;     /* and the linear system */
     sb_error error;           /* of a call that failed */
 } reg_match_info;
 
 /* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
- * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements, or one
- * that is being recorded), what reg_field_create says of the target and sb_embedding_create of the surface (points far
+ * Young's modulus to measure charges with), SB_ERROR_UNSUPPORTED (a body with constraints or custom elements),
+ * what reg_field_create says of the target and sb_embedding_create of the surface (points far
  * outside included), SB_ERROR_MEMORY; *match is then untouched. All memory that steps need is taken here. */
 REG_API sb_result reg_match_create(const reg_match_def *def, reg_match **match, sb_error *error);
 REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stays */
@@ -115,8 +115,9 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
  * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
- * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints or is being recorded. Allocates
- * nothing. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
+ * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints. A recording of
+ * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
+ * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
  * follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says

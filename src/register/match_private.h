@@ -2,7 +2,7 @@
 #ifndef REG_MATCH_PRIVATE_H
 #define REG_MATCH_PRIVATE_H
 
-#include "../softbody/body/body_private.h"
+#include "../softbody/body/body_guest.h"
 #include "match.h"
 
 /* Charges per task of the look at the target: fixed, whatever the threads. */
@@ -29,6 +29,10 @@ struct reg_match {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
+    sb_mesh mesh;              /* the body's at rest, borrowed */
+    const sb_vec3 *shape;      /* [nodes] displacements at which charges are looked at: the body's, borrowed */
+    sbi_potential *potential;  /* rows of charges and landmarks */
+    double electric;           /* energy of the last look (J) */
     reg_field *field;
     reg_match_method method;
     int partial;
@@ -47,10 +51,8 @@ struct reg_match {
     sb_real *weights;          /* [charges and landmarks][width] */
     sb_vec3 *gradients;        /* [charges][width] of the weights, at rest (1/m) */
     sb_vec3 *targets;          /* [landmark_count], in the order of the def */
-    sb_vec3 *pull;             /* [nodes] force of charges and landmarks (N) */
     sb_vec3 *trial;            /* [nodes] */
     sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
-    sb_real *local;            /* [3 width][3 width] stiffness of an element's charges */
     double total_area;
     sb_real volume;            /* of the organ at rest (m^3) */
 
@@ -62,14 +64,16 @@ struct reg_match {
     reg_match_info info;
 };
 
-/* The body's mesh at rest, borrowed. */
-REGI_API sb_mesh regi_match_mesh(const sb_body *body);
 /* Where a charge or landmark is now (m). */
 REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge);
 /* Looks at the target: fills the charges' last look and the distances of the info. Returns the electric energy (J). */
 REGI_API double regi_match_look(reg_match *match);
-/* Takes the body's increment, shortened so that no node moves more than a tenth of the organ's size and until the
- * material admits the shape. On failure match->info.error says why, and the body is as it was. */
-REGI_API sb_result regi_match_move(reg_match *match);
+/* sbi_potential_fill of a match: looks, and fills the rows of charges and landmarks. */
+REGI_API void regi_match_fill(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
+/* trial = the body's shape and the increment[nodes], shortened so that no node moves more than a tenth of the organ's size
+ * and until the material admits the shape. On failure match->info.error says why. */
+REGI_API sb_result regi_match_shorten(reg_match *match, const sb_vec3 *increment);
+/* The nodes of the element that holds a charge or landmark. */
+REGI_API const int *regi_match_nodes(const reg_match *match, int charge);
 
 #endif /* REG_MATCH_PRIVATE_H */

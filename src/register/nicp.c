@@ -103,16 +103,14 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs a body");
     if ((def->target != NULL) == (def->target_points != NULL))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a registration needs either a target or target_points");
-    if (def->body->domain.element_type == SB_CUSTOM)
+    if (sbi_body_mesh(def->body).element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (def->grid->body_mesh.node_count != def->body->domain.node_count ||
-                      def->grid->body_mesh.element_count != def->body->domain.cell_count))
+    if (def->grid && (def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+                      def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
-    result = sbi_body_check_unrecorded(def->body, error);
-    if (result == SB_OK)
-        result = regi_nicp_check_numbers(def, error);
+    result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
     return result == SB_OK ? regi_nicp_check_landmarks(def, error) : result;
@@ -180,18 +178,6 @@ static sb_result regi_nicp_node_rows(const int *nodes, int count, const sb_alloc
     return SB_OK;
 }
 
-REGI_API sb_mesh regi_nicp_mesh(const sb_body *body)
-{
-    sb_mesh mesh;
-    memset(&mesh, 0, sizeof mesh);
-    mesh.node_count = body->domain.node_count;
-    mesh.nodes = body->reference;
-    mesh.element_type = body->domain.element_type;
-    mesh.element_count = body->domain.cell_count;
-    mesh.elements = body->domain.cells;
-    return mesh;
-}
-
 static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *points, int count, regi_nicp_rows *rows,
                                      sb_error *error)
 {
@@ -209,7 +195,7 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
 static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_vec3 *points, int count,
                                 regi_nicp_rows *rows, sb_error *error)
 {
-    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_embedding_rows made;
@@ -223,7 +209,7 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
     embed.kind = SB_EMBED_PLAIN;
     embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
-    embed.jobs = def->body->jobs;
+    embed.jobs = *sbi_body_jobs(def->body);
     result = sb_embedding_create(&embed, &embedding, error);
     if (result == SB_OK)
         result = sb_embedding_mapping(embedding, &def->allocator, &made, error);
@@ -404,24 +390,21 @@ static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, s
     field.normals = def->target_normals;
     field.point_count = def->target_count;
     field.allocator = def->allocator;
-    field.jobs = def->body->jobs;
+    field.jobs = *sbi_body_jobs(def->body);
     return reg_field_create(&field, &nicp->field, error);
 }
 
-/* What the penalty is measured with: Young's modulus, as mean over the elements. */
+/* What the penalty is measured with. */
 static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def,
                                         sb_error *error)
 {
     const sb_body *body = def->body;
-    sb_mesh mesh = regi_nicp_mesh(body);
-    double sum = 0;
+    sb_mesh mesh = sbi_body_mesh(body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(surface, &low, &high);
     nicp->size = sb_v3_norm(sb_v3_sub(high, low));
-    for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    nicp->young = (sb_real)(sum / (double)body->domain.cell_count);
+    nicp->young = sbi_body_young(body);
     if (!sb_is_finite(nicp->young) || !(nicp->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
@@ -535,6 +518,8 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
     regi_nicp_points(nicp, &nicp->source_rows, nicp->goals);
     result = sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load,
                                  error);
+    if (result == SB_OK && sbi_body_reserve_mapping_lines(nicp->body, nicp->surface_load) != SB_OK)
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK || nicp->landmark_count == 0)
         return result;
     memcpy(nicp->targets, def->landmark_targets, (size_t)nicp->landmark_count * sizeof(sb_vec3));
@@ -571,7 +556,7 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_mesh mesh = regi_nicp_mesh(def->body);
+    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     regi_nicp_set(nicp, def);

@@ -119,16 +119,14 @@ typedef struct reg_nicp_info {
 /* Makes a registration; the body's shape is not touched, its loads get the penalties, with no force yet.
  * SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no Young's modulus to measure the penalty
  * with), what reg_field_create says of the target, what sb_surface_create, sb_embedding_create and sb_grid_map_points
- * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements, or one that is being
- * recorded), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
+ * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
 REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error);
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, SB_ERROR_UNSUPPORTED while the body is being recorded, and what
- * sb_body_solve_static says. Allocates nothing. The same bits for
- * any number of threads. */
+ * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number
+ * of threads. A recording of the body holds the penalties and the balance, and replays without the registration. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
  * SB_OK, and info->stop says which. Errors as of a step. */

@@ -2,7 +2,7 @@
 #ifndef REG_NICP_PRIVATE_H
 #define REG_NICP_PRIVATE_H
 
-#include "../softbody/body/body_private.h"
+#include "../softbody/body/body_guest.h"
 #include "../softbody/body/load.h"
 #include "nicp.h"
 
@@ -81,7 +81,7 @@ struct reg_nicp {
     sb_real *distances, *scratch; /* [the larger of both counts] */
     sb_vec3 *goals;            /* [source_count] (m) */
     sb_real *stiffness;        /* [source_count] (N/m) */
-    sb_vec3 *lines;            /* [source_count] see sbi_load */
+    sb_vec3 *lines;            /* [source_count] see sbi_body_set_mapping_lines */
     sb_vec3 *before;           /* [source_count] (m) sources before the balance */
     sb_vec3 *settled;          /* [source_count] (m) sources at the end of the last increment */
     sb_vec3 *targets;          /* [landmark_count] (m) */
@@ -92,8 +92,6 @@ struct reg_nicp {
     reg_nicp_info info;
 };
 
-/* The body's mesh at rest, borrowed. */
-REGI_API sb_mesh regi_nicp_mesh(const sb_body *body);
 /* Writes where rows are now: points[row_count] (m). */
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points);
 

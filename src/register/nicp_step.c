@@ -9,7 +9,7 @@ static double regi_nicp_now(const reg_nicp *nicp) { return nicp->clock ? nicp->c
 
 REGI_API void regi_nicp_points(const reg_nicp *nicp, const regi_nicp_rows *rows, sb_vec3 *points)
 {
-    sb_mapping_apply(&rows->mapping, nicp->body->position, points);
+    sb_mapping_apply(&rows->mapping, sb_body_positions(nicp->body), points);
 }
 
 /* ---- what the camera sees ---- */
@@ -210,7 +210,7 @@ static void regi_nicp_set_goals(reg_nicp *nicp, sb_real stiffness)
 
 static sb_result regi_nicp_pair(reg_nicp *nicp, sb_real stiffness)
 {
-    const sb_jobs *jobs = &nicp->body->jobs;
+    const sb_jobs *jobs = sbi_body_jobs(nicp->body);
     sb_result result;
     regi_nicp_points(nicp, &nicp->rows, nicp->vertices);
     result = sb_surface_move(nicp->skin, nicp->vertices, jobs, &nicp->info.error);
@@ -236,13 +236,8 @@ static sb_result regi_nicp_solve(reg_nicp *nicp, const sb_static_options *option
 {
     const sb_real none = 0;
     sb_body *body = nicp->body;
-    sb_result result;
-    for (int l = 0; l < body->load_count; l++)
-        if (body->loads[l].id == nicp->surface_load)
-            body->loads[l].lines = nicp->lines;
-    result = sb_body_solve_static(body, options, step);
-    for (int l = 0; l < body->load_count; l++)
-        body->loads[l].lines = NULL;
+    sb_result result = sb_body_solve_static(body, options, step);
+    (void)sbi_body_set_mapping_lines(body, nicp->surface_load, NULL);
     (void)sb_body_set_mapping_stiffness(body, nicp->surface_load, &none, 1);
     if (nicp->landmark_load)
         (void)sb_body_set_mapping_stiffness(body, nicp->landmark_load, &none, 1);
@@ -258,12 +253,16 @@ static sb_result regi_nicp_balance(reg_nicp *nicp)
         result = sb_body_set_mapping_stiffness(nicp->body, nicp->surface_load, nicp->stiffness, 0);
     if (result == SB_OK && nicp->landmark_load)
         result = sb_body_set_mapping_stiffness(nicp->body, nicp->landmark_load, &nicp->landmark_stiffness, 1);
+    if (result == SB_OK)
+        result = sbi_body_set_mapping_lines(nicp->body, nicp->surface_load, nicp->lines);
+    if (result == SB_ERROR_MEMORY)
+        return sbi_fail(&nicp->info.error, result, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK)
         return sbi_fail(&nicp->info.error, result, "the penalties of the registration are gone from the body");
     options.tolerance = nicp->newton_tolerance;
     options.max_newton = nicp->newton;
     options.quasi_newton = 1; /* the next look changes the forces more than that leaves */
-    options.max_iterations = nicp->body->max_iterations;
+    options.max_iterations = sbi_body_max_iterations(nicp->body);
     options.keep_progress = 1; /* the next look starts from there */
     result = regi_nicp_solve(nicp, &options, &step);
     nicp->info.newton_iterations = step.newton_iterations;
@@ -320,7 +319,7 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
     for (int i = 0; i < nicp->landmark_count; i++) {
         sb_vec3 at = sb_v3(0, 0, 0);
         for (int k = rows->row_start[i]; k < rows->row_start[i + 1]; k++)
-            at = sb_v3_madd(at, rows->weights[k], nicp->body->position[rows->nodes[k]]);
+            at = sb_v3_madd(at, rows->weights[k], sb_body_positions(nicp->body)[rows->nodes[k]]);
         most = sb_max(most, sb_v3_norm(sb_v3_sub(nicp->targets[i], at)));
     }
     nicp->info.landmark_distance = most;
@@ -329,9 +328,8 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
 /* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
 static sb_result regi_nicp_check_shape(reg_nicp *nicp)
 {
-    sb_mesh mesh = regi_nicp_mesh(nicp->body);
+    sb_mesh mesh = sbi_body_shape(nicp->body);
     double share;
-    mesh.nodes = nicp->body->position;
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -344,9 +342,6 @@ static sb_result regi_nicp_try(reg_nicp *nicp)
     double begin = regi_nicp_now(nicp), paired;
     sb_real stiffness = regi_nicp_stiffness(nicp);
     sb_result result;
-    result = sbi_body_check_unrecorded(nicp->body, &nicp->info.error); /* a replay would not know of the lines */
-    if (result != SB_OK)
-        return result;
     regi_nicp_read_landmarks(nicp);
     result = nicp->info.iterations > 0 ? regi_nicp_check_shape(nicp) : SB_OK;
     if (result == SB_OK)

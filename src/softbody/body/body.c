@@ -53,13 +53,6 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
         body->observe(body->observer, command);
 }
 
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -369,7 +362,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
     allocator = body->allocator;
     for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
+        sbi_load_release(&allocator, body->loads + i);
     sbi_free(&allocator, body->loads);
     sbi_free(&allocator, body->tie_gram);
     sbi_elimination_free(body->elimination);

@@ -4,12 +4,16 @@
 
 #include "../fem/assembly.h"
 #include "body.h"
+#include "body_guest.h"
 #include "elimination.h"
 
-typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3 } sbi_load_kind;
+typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3,
+                             SBI_LOAD_POTENTIAL = 4 } sbi_load_kind;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
- * rows are the nodes of its faces. State: stiffness, target, pressure, their balanced twins, balanced, force, net. */
+ * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines (see
+ * body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced twins,
+ * balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
@@ -29,9 +33,12 @@ typedef struct sbi_load {
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
                                * and not as a position, the force has the displacement's precision */
     sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
-    const sb_vec3 *lines;     /* [row_count] or NULL, which it is between calls: borrowed by a registration for the solve
-                               * it is in. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the line l, of at
-                               * most unit length, it is that much softer */
+    sb_vec3 *lines;           /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
+                               * line l, of at most unit length, it is that much softer. Of a mapping in line_memory, and
+                               * NULL again where a registration's call ends */
+    void *line_memory;        /* of a mapping that has had lines; or NULL */
+    void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
+    void *fill_user;
     double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
@@ -79,6 +86,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
+    SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -237,12 +246,16 @@ SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, c
                            const sb_real *reals, size_t real_count);
 /* The same for any command. */
 SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command);
-/* SB_ERROR_UNSUPPORTED for a body that is being recorded: for callers that move a body by other ways than calls on it,
- * which no replay could repeat. */
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error);
+
+/* Frees its arrays. */
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load);
+
+/* What replays sbi_body_place. */
+enum { SBI_PLACE_INTS = 4 };
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error);
 
 /* Memory for a load of these rows, zeroed: entries nodes in all, pairs of nodes within rows. */
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error);
 
 /* The numbers of a material but its model and count of Prony terms, for files: unpack(pack(m)) is m. */
@@ -296,8 +309,6 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
 SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor);
 /* Newton iterations of a time step, SB_AUTO resolved. */
 SBI_API int sbi_body_max_newton(const sb_body *body);
-/* The components of `value` on the given axes (bits), of `otherwise` on the others. */
-SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */

@@ -424,7 +424,7 @@ static sb_result sbi_live_make_load(sbi_live_rows *rows, const sbi_load *load, s
         if (!sbi_size_add(&pairs, size, size))
             return sbi_live_rows_no_memory(error);
     }
-    result = sbi_load_make(rows->next, load->kind, rows->rows, rows->entries, pairs, made, error);
+    result = sbi_load_make(&rows->next->allocator, load->kind, rows->rows, rows->entries, pairs, made, error);
     if (result != SB_OK)
         return result;
     memcpy(made->row_start, rows->start, ((size_t)rows->rows + 1) * sizeof(int));

@@ -173,13 +173,17 @@ static void sbi_load_layout(sbi_load *load, int entries, size_t pairs, sbi_arena
     }
     load->weights = (sb_real *)sbi_arena_take(arena, (size_t)entries, sizeof(sb_real));
     load->stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
+    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+    if (load->kind == SBI_LOAD_POTENTIAL) {
+        load->lines = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
+        return;
+    }
     load->balanced_stiffness = (sb_real *)sbi_arena_take(arena, rows, sizeof(sb_real));
     load->target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
     load->balanced_target = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
-    load->force = (sb_vec3 *)sbi_arena_take(arena, rows, sizeof(sb_vec3));
 }
 
-SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int rows, int entries, size_t pairs,
+SBI_API sb_result sbi_load_make(const sb_allocator *allocator, sbi_load_kind kind, int rows, int entries, size_t pairs,
                                 sbi_load *load, sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
@@ -188,13 +192,19 @@ SBI_API sb_result sbi_load_make(const sb_body *body, sbi_load_kind kind, int row
     load->row_count = rows;
     load->pattern_version = -1;
     sbi_load_layout(load, entries, pairs, &arena);
-    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used, 1);
+    load->memory = arena.overflow ? NULL : sbi_alloc_zeroed(allocator, arena.used, 1);
     if (!load->memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a load of %d rows", rows);
     arena.base = (unsigned char *)load->memory;
     arena.used = 0;
     sbi_load_layout(load, entries, pairs, &arena);
     return SB_OK;
+}
+
+SBI_API void sbi_load_release(const sb_allocator *allocator, const sbi_load *load)
+{
+    sbi_free(allocator, load->line_memory);
+    sbi_free(allocator, load->memory);
 }
 
 /* Appends a load for which sbi_load_reserve found room. */
@@ -236,7 +246,7 @@ static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int 
             result = sbi_fail(error, SB_ERROR_MEMORY, "%d faces have too many nodes", face_count);
     }
     if (result == SB_OK)
-        result = sbi_load_make(body, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
+        result = sbi_load_make(&body->allocator, SBI_LOAD_PRESSURE, face_count, (int)entries, pairs, load, error);
     for (int f = 0; f < face_count && result == SB_OK; f++) {
         int *nodes = load->nodes + load->row_start[f];
         result = sbi_load_outer_face(body, faces, f, corners, &face, error);
@@ -385,7 +395,7 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
         if (!sbi_size_add(&pairs, size, size))
             return sbi_fail_element(error, SB_ERROR_MEMORY, j, "row %d is too long", j);
     }
-    result = sbi_load_make(body, kind, rows, entries, pairs, &load, error);
+    result = sbi_load_make(&body->allocator, kind, rows, entries, pairs, &load, error);
     if (result != SB_OK)
         return result;
     memcpy(load.row_start, mapping->row_start, ((size_t)rows + 1) * sizeof(int));
@@ -587,8 +597,8 @@ static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
 
 static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
 {
-    sb_real from = load->balanced_stiffness[row];
-    return factor == 1 ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+    sb_real from = load->balanced_stiffness ? load->balanced_stiffness[row] : 0;
+    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
 }
 
 static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
@@ -607,10 +617,16 @@ static sb_vec3 sbi_load_stiff_part(const sbi_load *load, int row, sb_vec3 x)
     return sb_v3_madd(sb_v3_scale(1 - sb_v3_dot(line, line), x), sb_v3_dot(line, x), line);
 }
 
-/* k (target - H^T u): the force of a row on the body. */
+/* Springs and mappings. */
+static int sbi_load_has_targets(const sbi_load *load) { return load->target != NULL; }
+
+/* The force of a row on the body: k (target - H^T u), or what the owner of a potential found. */
 static sb_vec3 sbi_load_row_force(const sbi_load *load, int row, const sb_vec3 *u, sb_real factor)
 {
-    sb_vec3 way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
+    sb_vec3 way;
+    if (load->kind == SBI_LOAD_POTENTIAL)
+        return load->force[row];
+    way = sb_v3_sub(sbi_load_target_at(load, row, factor), sbi_body_row_value(load, row, u));
     return sb_v3_scale(sbi_load_stiffness_at(load, row, factor), sbi_load_stiff_part(load, row, way));
 }
 
@@ -671,6 +687,15 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
 
 /* ---- all loads ---- */
 
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u)
+{
+    for (int l = 0; l < body->load_count; l++) {
+        sbi_load *load = body->loads + l;
+        if (load->kind == SBI_LOAD_POTENTIAL)
+            load->fill(load->fill_user, u, load->force, load->stiffness, load->lines);
+    }
+}
+
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
 {
     double size = 0;
@@ -696,6 +721,8 @@ SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor)
                 sb_vec3 *node = body->follower + nodes[a];
                 *node = sb_v3_madd(*node, load->weights[load->row_start[j] + a], pull);
             }
+            if (!sbi_load_has_targets(load))
+                continue;
             k = (double)sbi_load_stiffness_at(load, j, factor);
             reach = (double)sb_v3_norm(sbi_load_target_at(load, j, factor));
             size += k * reach * k * reach;
@@ -833,7 +860,7 @@ SBI_API double sbi_loads_energy(const sb_body *body, const sb_vec3 *u)
 {
     double sum = 0;
     for (int l = 0; l < body->load_count; l++)
-        for (int j = 0; body->loads[l].kind != SBI_LOAD_PRESSURE && j < body->loads[l].row_count; j++)
+        for (int j = 0; sbi_load_has_targets(body->loads + l) && j < body->loads[l].row_count; j++)
             sum += sbi_load_row_energy(body->loads + l, j, u);
     return sum;
 }
@@ -845,7 +872,7 @@ SBI_API double sbi_loads_new_energy(const sb_body *body)
     double sum = 0;
     for (int l = 0; l < body->load_count; l++) {
         const sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             double k = (double)load->stiffness[j], force = (double)sb_v3_dot(load->force[j], load->force[j]);
             double gain = k > 0 ? sbi_load_row_energy(load, j, body->displacement) - 0.5 * force / k : 0;
             sum += gain > 0 ? gain : 0;
@@ -858,7 +885,7 @@ SBI_API void sbi_loads_begin_static(sb_body *body)
 {
     for (int l = 0; l < body->load_count; l++) {
         sbi_load *load = body->loads + l;
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && !load->balanced && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && !load->balanced && j < load->row_count; j++) {
             load->balanced_stiffness[j] = load->stiffness[j];
             load->balanced_target[j] = sbi_body_row_value(load, j, body->displacement);
         }
@@ -871,7 +898,7 @@ SBI_API void sbi_loads_end_static(sb_body *body, sb_real factor)
         sbi_load *load = body->loads + l;
         load->balanced = 1;
         load->balanced_pressure = sbi_load_pressure_at(load, factor);
-        for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++) {
+        for (int j = 0; sbi_load_has_targets(load) && j < load->row_count; j++) {
             load->balanced_target[j] = sbi_load_target_at(load, j, factor);
             load->balanced_stiffness[j] = sbi_load_stiffness_at(load, j, factor);
         }
@@ -960,6 +987,93 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
     return sbi_load_get_forces(body, load_id, SBI_LOAD_MAPPING, forces);
 }
 
+/* ---- for guests ---- */
+
+struct sbi_potential {
+    sb_allocator allocator;
+    sbi_load load;
+};
+
+SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
+                                       const sb_allocator *allocator, sbi_potential **potential, sb_error *error)
+{
+    int entries = rows->row_start[rows->row_count];
+    size_t pairs = 0;
+    sbi_potential *made = (sbi_potential *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    sb_result result = made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a potential");
+    for (int j = 0; j < rows->row_count && result == SB_OK; j++) {
+        size_t size = (size_t)(rows->row_start[j + 1] - rows->row_start[j]);
+        if (!sbi_size_add(&pairs, size, size))
+            result = sbi_fail(error, SB_ERROR_MEMORY, "a potential's rows are too long");
+    }
+    if (result == SB_OK)
+        result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        result = sbi_load_make(allocator, SBI_LOAD_POTENTIAL, rows->row_count, entries, pairs, &made->load, error);
+    if (result != SB_OK) {
+        sbi_free(allocator, made);
+        return result;
+    }
+    memcpy(made->load.row_start, rows->row_start, ((size_t)rows->row_count + 1) * sizeof(int));
+    memcpy(made->load.nodes, rows->nodes, (size_t)entries * sizeof(int));
+    memcpy(made->load.weights, rows->weights, (size_t)entries * sizeof(sb_real));
+    made->load.fill = fill;
+    made->load.fill_user = user;
+    made->allocator = *allocator;
+    *potential = made;
+    return SB_OK;
+}
+
+SBI_API void sbi_potential_destroy(sbi_potential *potential)
+{
+    sb_allocator allocator;
+    if (!potential)
+        return;
+    allocator = potential->allocator;
+    sbi_load_release(&allocator, &potential->load);
+    sbi_free(&allocator, potential);
+}
+
+SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error)
+{
+    sb_result result = sbi_load_reserve(body, error);
+    if (result == SB_OK)
+        body->loads[body->load_count++] = potential->load;
+    return result;
+}
+
+SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential)
+{
+    potential->load = body->loads[--body->load_count];
+}
+
+SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (!load->line_memory)
+        load->line_memory = sbi_alloc(&body->allocator, (size_t)load->row_count, sizeof(sb_vec3));
+    return load->line_memory ? SB_OK : SB_ERROR_MEMORY;
+}
+
+SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const sb_vec3 *lines)
+{
+    sbi_load *load = sbi_load_find(body, load_id, SBI_LOAD_MAPPING);
+    size_t count = load ? (size_t)load->row_count : 0;
+    if (!load)
+        return SB_ERROR_INDEX;
+    if (lines && sbi_load_check_points(lines, load->row_count, NULL) != SB_OK)
+        return SB_ERROR_NOT_FINITE;
+    if (lines && sbi_body_reserve_mapping_lines(body, load_id) != SB_OK)
+        return SB_ERROR_MEMORY;
+    load->lines = lines ? (sb_vec3 *)load->line_memory : NULL;
+    if (lines)
+        memcpy(load->lines, lines, count * sizeof *lines);
+    sbi_body_tell(body, SBI_COMMAND_LINES, load_id, 0, NULL, 0, lines ? &lines[0].x : NULL, lines ? 3 * count : 0);
+    return SB_OK;
+}
+
 /* ---- removal ---- */
 
 /* equilibrated += what a load exerted in the last static solve, so that the next one lets it fade as a dead load. */
@@ -994,7 +1108,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
         return SB_ERROR_INDEX;
     if (load->balanced)
         sbi_load_fade(body, load);
-    sbi_free(&body->allocator, load->memory);
+    sbi_load_release(&body->allocator, load);
     after = (size_t)(body->loads + body->load_count - (load + 1));
     memmove(load, load + 1, after * sizeof *load);
     body->load_count--;

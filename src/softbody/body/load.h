@@ -80,6 +80,8 @@ typedef struct sbi_loads_work {
 } sbi_loads_work;
 
 /* In all of these `factor` is the share of the way from the values of the last static solve to the present ones. */
+/* Has the owners of potentials fill their rows at u: before the two below. */
+SBI_API void sbi_loads_fill(sb_body *body, const sb_vec3 *u);
 /* body->follower = their forces at u (N). Returns the size of the numbers they are differences of: times epsilon, the
  * rounding error of the follower's norm. */
 SBI_API sb_real sbi_loads_force(sb_body *body, const sb_vec3 *u, sb_real factor);

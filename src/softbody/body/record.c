@@ -505,6 +505,18 @@ static sb_result sbi_play_stiffness(sb_body *body, const sbi_command *c, sb_erro
                                           : sb_body_set_mapping_stiffness(body, c->a, c->reals, c->b);
 }
 
+static sb_result sbi_play_lines(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    if (c->real_count != 0 && c->real_count != 3 * sbi_record_load_rows(body, c->a))
+        return sbi_record_refuse_counts(c, error);
+    return sbi_body_set_mapping_lines(body, c->a, c->real_count ? sbi_record_vectors(c) : NULL);
+}
+
+static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -605,6 +617,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_REMOVE_CONSTRAINTS, "remove constraints", 0, 0, sbi_play_remove_constraints},
     {SBI_COMMAND_CLEAR_CONSTRAINTS, "clear constraints", 0, 0, sbi_play_clear_constraints},
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
+    {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
+    {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)

@@ -8,8 +8,8 @@
 /* A recording holds a body's state at its start, then every call that changed the body with its arguments, and of every
  * step and static solve the result and a hash of the state it led to. So a session can be played again: on another
  * machine, with another number of threads, or with a library that was meant to compute the same. It works by telling:
- * a body that is not recorded pays one comparison with NULL per call. register.h refuses to move a body that is being
- * recorded (SB_ERROR_UNSUPPORTED); its final displacements can be recorded by sb_body_set_displacements.
+ * a body that is not recorded pays one comparison with NULL per call. What register.h
+ * does to a body is recorded like the body's own calls, and replays without the registration.
  *
  * Memory: 32 bytes per call and its arguments; 136 more per step. With positions_every = k every k-th step also keeps
  * the displacements (24 bytes per node, in float 12). A sb_body_state_load counts with the whole state it loads. */

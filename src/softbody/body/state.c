@@ -694,7 +694,7 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(body, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
                                              walk->error));
     if (walk->result != SB_OK)
         return;
@@ -734,7 +734,7 @@ static void sbi_state_reserve_follow(sb_body *body, sbi_state_walk *walk, int co
 static void sbi_state_free_loads(const sb_body *body, sbi_load *loads, int count)
 {
     for (int i = 0; i < count; i++)
-        sbi_free(&body->allocator, loads[i].memory);
+        sbi_load_release(&body->allocator, loads + i);
     sbi_free(&body->allocator, loads);
 }
 

@@ -36,6 +36,7 @@ typedef struct sbi_step {
 
     /* what is solved */
     sb_real dt;               /* s */
+    sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that

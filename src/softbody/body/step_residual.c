@@ -81,7 +81,7 @@ SBI_API sb_result sbi_step_force(sbi_step *step)
 
 SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : step->hold;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
@@ -104,7 +104,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     sb_body *b = step->body;
     double begin = sbi_step_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
-    if (step->dynamic)
+    if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
     if (step->lagged_damping) {
         sb_real factor = b->damping_stiffness * step->cv;
@@ -242,6 +242,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     if (result != SB_OK)
         return result;
     step->moves_supports = sbi_step_supports_move(step);
+    if (step->body->load_count)
+        sbi_loads_fill(step->body, step->body->displacement);
     if (step->linearised) /* its residual may need K v */
         sbi_step_tangent(step, SB_TANGENT_QUASI);
     sbi_step_residual(step);

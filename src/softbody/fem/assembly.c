@@ -50,18 +50,30 @@ static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
     return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
 }
 
+/* Nodes of a chunk, of which some may be listed more than once. */
+static void sbi_assembly_chunk_nodes(const sbi_assembly *assembly, int chunk, const int **first, const int **end)
+{
+    const sb_domain *domain = assembly->domain;
+    size_t n = (size_t)domain->nodes_per_cell;
+    if (assembly->live) {
+        *first = assembly->live->chunk_nodes + 4 * (size_t)chunk * (size_t)assembly->chunk_size;
+        *end = *first + assembly->live->chunk_node_count[chunk];
+        return;
+    }
+    *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
+    *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+}
+
 /* Colour of a chunk: the first that none of its nodes has; nodes remember theirs as bits. Beyond 63 colours (one
  * node shared by very many cells) each chunk gets a colour of its own. */
 static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, uint64_t *node_colours, int *next)
 {
-    const sb_domain *domain = assembly->domain;
-    size_t n = (size_t)domain->nodes_per_cell;
-    const int *first = domain->cells + (size_t)(chunk * assembly->chunk_size) * n;
-    const int *end = domain->cells + (size_t)sbi_assembly_chunk_end(assembly, chunk) * n;
+    const int *first, *end;
     uint64_t taken = 0;
     int colour = 0;
+    sbi_assembly_chunk_nodes(assembly, chunk, &first, &end);
     for (const int *node = first; node < end; node++)
-        taken |= *node < 0 ? 0 : node_colours[*node];
+        taken |= node_colours[*node];
     while (colour < 63 && (taken >> colour & 1))
         colour++;
     if (colour == 63) {
@@ -69,8 +81,7 @@ static int sbi_assembly_colour_chunk(const sbi_assembly *assembly, int chunk, ui
         return (*next)++;
     }
     for (const int *node = first; node < end; node++)
-        if (*node >= 0)
-            node_colours[*node] |= (uint64_t)1 << colour;
+        node_colours[*node] |= (uint64_t)1 << colour;
     if (colour + 1 > *next)
         *next = colour + 1;
     return colour;
@@ -146,10 +157,11 @@ SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix,
 
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours)
 {
-    sbi_assembly_colour(assembly, node_colours);
+    if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        sbi_assembly_colour(assembly, node_colours);
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_batch_fits(assembly->domain)) {
-        if (assembly->domain->cell_capacity == 0) /* else see sbi_assembly_make_live */
+        if (assembly->domain->cell_capacity == 0)
             sbi_batch_list_pairs(assembly, matrix);
         sbi_batch_fill(assembly);
     }

@@ -11,6 +11,8 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
     live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
     live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
     live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
     live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
@@ -99,14 +101,18 @@ static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix
     }
 }
 
-/* ---- energy units ----------------------------------------------------------------------------------------- */
+/* ---- chunks ------------------------------------------------------------------------------------------------ */
+
+static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
 
 static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
 {
-    int begin = chunk * assembly->chunk_size, cells = assembly->domain->cell_count;
-    int end = begin + sbi_min_int(assembly->chunk_size, cells - begin);
     sb_real sum = 0;
-    for (int e = begin; e < end; e++) {
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
         const sb_material *material = assembly->materials + assembly->cell_material[e];
         sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
     }
@@ -127,6 +133,22 @@ SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
     sbi_assembly_sum_units(assembly);
 }
 
+/* Lists the nodes of a chunk's cells. */
+static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
+{
+    const int *cells = assembly->domain->cells;
+    sbi_assembly_live *live = assembly->live;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
+    for (int k = first; k < end; k++)
+        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+            live->marks[cells[k]] = 1;
+            live->chunk_nodes[first + count++] = cells[k];
+        }
+    for (int k = first; k < first + count; k++)
+        live->marks[live->chunk_nodes[k]] = 0;
+    live->chunk_node_count[chunk] = count;
+}
+
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
@@ -142,6 +164,9 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     }
     for (int i = 0; i < matrix->row_count; i++)
         sbi_assembly_map_row(assembly, matrix, i);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
@@ -252,6 +277,8 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
     memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
     memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
+    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
@@ -393,22 +420,27 @@ static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *m
     }
 }
 
-static void sbi_assembly_forget_units(sbi_assembly *assembly, int count, const int *cells)
+/* Marks the chunks of changed cells. */
+static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
 {
     for (int k = 0; k < count; k++)
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units of chunks with changed cells. */
-static void sbi_assembly_follow_units(sbi_assembly *assembly, const sbi_mesh_change *change)
+/* Energy units and nodes of chunks with changed cells, and all colours. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
-    sbi_assembly_forget_units(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_forget_units(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_forget_units(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    sbi_assembly_live *live = assembly->live;
+    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (assembly->live->units[chunk] < 0)
+        if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
+            sbi_assembly_list_nodes(assembly, chunk);
+        }
     sbi_assembly_sum_units(assembly);
+    sbi_assembly_colour(assembly, live->node_colours);
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
@@ -420,8 +452,7 @@ SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     sbi_assembly_follow_cells(assembly, change, old_end);
     sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_units(assembly, change);
-    sbi_assembly_colour(assembly, assembly->live->node_colours);
+    sbi_assembly_follow_chunks(assembly, change);
     if (assembly->viscous)
         sbi_assembly_begin_step(assembly, 0);
 }

@@ -3,7 +3,7 @@
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew, which takes a hundredth of the next evaluation of forces. */
+ * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -22,6 +22,8 @@ typedef struct sbi_assembly_live {
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
     uint64_t *node_colours; /* [node_capacity] scratch */
+    int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
+    int *chunk_node_count; /* [chunks] */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 #include "direct_front.h"
+#include "sparse_live.h"
 
 typedef struct sbi_direct_piece {
     int first, last;      /* columns */
@@ -22,6 +23,7 @@ struct sb_direct {
     void *memory;         /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int *position;        /* [node_count] column of a node */
     int *node;            /* [node_count] node of a column */
     sbi_direct_piece *pieces;
@@ -401,7 +403,8 @@ SB_API sb_result sb_direct_create(const sb_direct_def *def, const sb_matrix *pat
         made->allocator = *allocator;
     made->kind = def ? (int)def->kind : (int)ordinary.kind;
     made->node_count = pattern->row_count;
-    made->block_count = pattern->block_count;
+    made->block_count = sbi_matrix_used_blocks(pattern);
+    made->pattern_version = sbi_matrix_version(pattern);
     made->info.unknowns = 3 * pattern->row_count;
     result = sbi_direct_analyse(made, pattern, def ? def->positions : NULL, error);
     if (result != SB_OK) {
@@ -541,7 +544,8 @@ SB_API sb_result sb_direct_update(sb_direct *direct, const sb_matrix *matrix, sb
     sb_result result = SB_OK;
     size_t used = 0;
     int depth = 0;
-    if (!direct || !matrix || matrix->row_count != direct->node_count || matrix->block_count != direct->block_count)
+    if (!direct || !matrix || matrix->row_count != direct->node_count ||
+        sbi_matrix_used_blocks(matrix) != direct->block_count || sbi_matrix_version(matrix) != direct->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix is not of the pattern the solver was made for");
     direct->ready = 0;
     direct->info.least_pivot = 0;

@@ -1,5 +1,6 @@
 /* multigrid: levels and the plans of their updates. */
 #include "multigrid_level.h"
+#include "sparse_live.h"
 
 #include <limits.h>
 #include <math.h>
@@ -118,19 +119,23 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
 
 static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_mg_level *level)
 {
-    size_t rows = (size_t)pattern->row_count, blocks = (size_t)pattern->block_count;
+    size_t rows = (size_t)pattern->row_count, blocks = (size_t)sbi_matrix_used_blocks(pattern);
+    int end = 0;
     level->row_count = pattern->row_count;
-    level->block_count = pattern->block_count;
+    level->block_count = (int)blocks;
     level->row_start = sbi_mg_take_ints(m, rows + 1);
     level->columns = sbi_mg_take_ints(m, blocks);
     level->diagonal = sbi_mg_take_ints(m, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
-    memcpy(level->row_start, pattern->row_start, (rows + 1) * sizeof(int));
-    memcpy(level->columns, pattern->columns, blocks * sizeof(int));
-    memcpy(level->diagonal, pattern->diagonal, rows * sizeof(int));
-    for (int i = 0; i < level->row_count; i++)
-        m->longest_row = sbi_max_int(m->longest_row, level->row_start[i + 1] - level->row_start[i]);
+    level->row_start[0] = 0;
+    for (int i = 0; i < level->row_count; i++) { /* without the gaps that rows of a live matrix have between them */
+        int length = pattern->row_end[i] - pattern->row_start[i];
+        memcpy(level->columns + end, pattern->columns + pattern->row_start[i], (size_t)length * sizeof(int));
+        level->diagonal[i] = end + pattern->diagonal[i] - pattern->row_start[i];
+        level->row_start[i + 1] = end += length;
+        m->longest_row = sbi_max_int(m->longest_row, length);
+    }
     return sbi_mg_take_values(m, level);
 }
 

@@ -82,10 +82,11 @@ static int sbi_mg_invert(const float *block, float *inverse)
 static int sbi_mg_load_diagonal(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real *block = work->matrix->blocks[level->diagonal[i]];
+    const sb_real *block = work->matrix->blocks[work->matrix->diagonal[i]];
     float *scale = level->scale + 4 * (size_t)i, scaled[9];
+    int later = work->matrix->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)];
     double largest = 0, inverse;
-    SBI_PREFETCH(work->matrix->blocks[level->diagonal[sbi_min_int(i + SBI_MG_ROWS_AHEAD, level->row_count - 1)]], 0);
+    SBI_PREFETCH(work->matrix->blocks[later], 0);
     for (int k = 0; k < 9; k += 4)
         largest = (double)block[k] > largest ? (double)block[k] : largest;
     if (!(largest > 0))
@@ -146,20 +147,21 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, which is `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
  * in 16 without. */
-SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const float *block, float own, float other,
-                                         int *bad)
+SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
+                                         float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(work->matrix->blocks[q], (double)own * (double)other * (work->scale * SBI_MG_WORD),
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
                           level->packed + 9 * q, level->rest + 9 * q, bad);
         return;
     }
 #endif
     (void)bad;
+    (void)from;
     sbi_mg_pack(block, (own * other) * SBI_MG_ONE, level->packed + 9 * q);
 }
 
@@ -168,7 +170,7 @@ SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, cons
 static int sbi_mg_load_row(const sbi_mg_work *work, int i)
 {
     const sbi_mg_level *level = work->level;
-    const sb_real (*from)[9] = (const sb_real(*)[9])work->matrix->blocks;
+    const sb_real(*from)[9] = (const sb_real(*)[9])work->matrix->blocks + work->matrix->row_start[i];
     const sb_real scale = (sb_real)work->scale;
     const float *scales = level->scale, own = scales[4 * (size_t)i + 3];
     const int *columns = level->columns, last = level->row_start[i + 1], mixes = level->mixed != NULL;
@@ -177,16 +179,16 @@ static int sbi_mg_load_row(const sbi_mg_work *work, int i)
     sbi_mg_mixer mixer = {NULL, NULL, NULL, NULL};
     if (mixes)
         mixer = sbi_mg_begin_mixing(level, i);
-    for (int q = level->row_start[i]; q < last; q++) {
+    for (int q = level->row_start[i]; q < last; q++, from++) {
         float block[9];
         int j = columns[q];
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD);
-        SBI_PREFETCH(from[q], SBI_MG_AHEAD + 64);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD);
+        SBI_PREFETCH(*from, SBI_MG_AHEAD + 64);
         SBI_PREFETCH(packed + 9 * (size_t)q, SBI_MG_AHEAD / 8);
         if (mixes)
             SBI_PREFETCH(mixer.slot, SBI_MG_AHEAD / 8);
-        sbi_mg_round_block(from[q], scale, block);
-        sbi_mg_pack_finest(work, (size_t)q, block, own, scales[4 * (size_t)j + 3], &bad);
+        sbi_mg_round_block(*from, scale, block);
+        sbi_mg_pack_finest(work, (size_t)q, *from, block, own, scales[4 * (size_t)j + 3], &bad);
         for (int k = 0; k < 9 && j == i; k++)
             block[k] = scales[4 * (size_t)i + (size_t)(k / 3)] > 0 ? block[k] : 0.0f;
         if (mixes)
@@ -271,8 +273,8 @@ static void sbi_mg_mend_row(const sbi_mg_work *work, int i)
     const sbi_mg_level *level = work->level;
     const double own = (double)level->scale[4 * (size_t)i + 3], exact = work->scale * own * own;
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
-        const sb_real *from = work->matrix->blocks[q];
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
+        const sb_real *from = work->matrix->blocks[at];
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / ((double)level->scale[4 * (size_t)level->columns[q] + 3] * (double)SBI_MG_ONE);
         for (int k = 0; k < 9; k++)

@@ -226,13 +226,13 @@ static void sbi_island_mend_row(const sbi_island_work *work, int i, sb_real *dia
     const sbi_mg_level *level = work->level;
     const double own = 1 / ((double)level->scale[4 * (size_t)i + 3] * (double)SBI_MG_ONE);
     double lost[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
-    for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+    for (int q = level->row_start[i], at = work->matrix->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
         const int16_t *packed = level->packed + 9 * (size_t)q;
         double unit = own / (double)level->scale[4 * (size_t)level->columns[q] + 3];
         if (work->islands->side[level->columns[q]] == SBI_MG_ISLAND)
             continue;
         for (int e = 0; e < 9; e++)
-            lost[e] += (double)work->matrix->blocks[q][e] * work->scale - packed[e] * unit;
+            lost[e] += (double)work->matrix->blocks[at][e] * work->scale - packed[e] * unit;
     }
     for (int e = 0; e < 9; e++)
         diagonal[e] += (sb_real)((lost[e] + lost[3 * (e % 3) + e / 3]) / 2);
@@ -245,12 +245,12 @@ static void sbi_island_fill(const sbi_island_work *work, sbi_mg_island_group *gr
     const sb_real scale = (sb_real)work->scale;
     int own = 0;
     for (int k = 0; k < group->count; k++) {
-        int i = group->rows[k];
-        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++) {
+        int i = group->rows[k], at = work->matrix->row_start[i];
+        for (int q = level->row_start[i]; q < level->row_start[i + 1]; q++, at++) {
             if (work->islands->side[level->columns[q]] != SBI_MG_ISLAND)
                 continue;
             for (int e = 0; e < 9; e++)
-                group->matrix.blocks[own][e] = work->matrix->blocks[q][e] * scale;
+                group->matrix.blocks[own][e] = work->matrix->blocks[at][e] * scale;
             own++;
         }
         sbi_island_mend_row(work, i, group->matrix.blocks[group->matrix.diagonal[k]]);

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "precond_private.h"
+#include "sparse_live.h"
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
@@ -284,7 +285,7 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && pattern->block_count >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -499,8 +500,9 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->row_count = pattern->row_count;
-    p->block_count = pattern->block_count;
-    p->lower_count = (pattern->block_count - pattern->row_count) / 2;
+    p->block_count = sbi_matrix_used_blocks(pattern);
+    p->lower_count = (p->block_count - pattern->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(pattern);
     p->pattern_hash = sbi_precond_hash_pattern(pattern);
     p->wait = SBI_PRECOND_RELAX_FIRST;
     p->matrix_scale = 1;
@@ -540,7 +542,8 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
 static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
                                           const sb_vec3 *positions, double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count || matrix->block_count != p->block_count)
+    if (!p || !matrix || matrix->row_count != p->row_count ||
+        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -627,7 +630,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
                                           const sb_vec3 *positions, sb_error *error)
 {
     sbi_precond_updating work;
-    double scale;
+    double scale = 1;
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;

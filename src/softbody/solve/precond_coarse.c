@@ -51,12 +51,14 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
         memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_start[entry_of[q] + 2]++;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_start[entry_of[q] + 2]++;
         for (int e = 0; e < entries; e++)
             c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int q = 0; q < a->block_count; q++)
-            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        for (int i = 0; i < a->row_count; i++)
+            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
     }
     sbi_free(&p->allocator, scratch);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
@@ -182,10 +184,11 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
               z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
         const sb_real *block = a->blocks[c->entry_blocks[s]];
         const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, a->block_count - 1)];
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
         sbi_lanes r0 = SBI_LANES_AT(block), r1 = SBI_LANES_AT(block + 3), r2 = SBI_LANES_AT(block + 6);
         SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
         SBI_PREFETCH(a->blocks[later], 64);

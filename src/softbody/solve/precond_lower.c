@@ -54,7 +54,7 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     for (int k = 0; k < p->row_count; k++) {
         int i = p->order[k], begin = end;
         p->start[k] = begin;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q], e = end;
             if (place[j] >= k)
                 continue;

@@ -58,6 +58,7 @@ struct sb_preconditioner {
     int power;
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
+    unsigned pattern_version; /* see sbi_matrix_version */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */

@@ -129,6 +129,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
 }
 
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
+
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
     int count = 0;
@@ -629,6 +631,7 @@ static void sbi_live_begin(sb_matrix *matrix)
     sbi_matrix_live *live = matrix->live;
     live->touched_count = 0;
     live->repacked = 0;
+    live->version++;
     if (live->pack)
         sbi_live_pack(matrix);
     live->pack = 0;
@@ -709,6 +712,7 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sb_matrix made = *matrix;
     live->row_capacity = rows;
     live->block_capacity = blocks;
+    live->version = 1;
     live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
     live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
     if (!live->pool_memory) {

@@ -35,6 +35,7 @@ typedef struct sbi_live_key {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
+    unsigned version;        /* how many changes there were, from 1 */
     int *room;               /* [row_capacity] places of the row's piece */
     int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
     unsigned char *in_use;   /* [row_capacity] */
@@ -74,6 +75,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
+SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */

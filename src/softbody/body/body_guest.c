@@ -1,0 +1,184 @@
+/* body_guest: readings for guests, a static iteration with a load from outside, and what it did as a command. */
+#include "body_guest.h"
+
+#include <string.h>
+
+#include "../base/bytes.h"
+#include "load.h"
+#include "step_private.h"
+
+/* ---- readings ---- */
+
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
+}
+
+SBI_API sb_mesh sbi_body_shape(const sb_body *body)
+{
+    sb_mesh mesh = sbi_body_mesh(body);
+    mesh.nodes = body->position;
+    return mesh;
+}
+
+SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
+SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
+SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
+SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
+SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body) { return body->target; }
+
+SBI_API sb_real sbi_body_young(const sb_body *body)
+{
+    double sum = 0;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+    return (sb_real)(sum / (double)body->domain.cell_count);
+}
+
+/* ---- shapes ---- */
+
+SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy)
+{
+    return sbi_assembly_energy(&body->assembly, u, energy);
+}
+
+/* Internal forces at the present shape. On failure the rotations' warm starts are what they were. */
+static sb_result sbi_body_current_force(sb_body *b, sb_error *error)
+{
+    int bad;
+    if (b->force_current)
+        return SB_OK;
+    sbi_assembly_save_rotations(&b->assembly);
+    bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+    b->force_current = bad < 0;
+    if (bad < 0)
+        return SB_OK;
+    sbi_assembly_restore_rotations(&b->assembly);
+    return sbi_fail_element(error, SB_ERROR_INVERTED, bad,
+                            "element %d is inside out, which its material does not allow", bad);
+}
+
+/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape before,
+ * the preconditioner's memory is told. */
+SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
+{
+    sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
+    int ints[SBI_PLACE_INTS];
+    uint64_t shift;
+    sbi_command command;
+    (void)sbi_body_current_force(body, NULL);
+    memcpy(body->displacement, u, (size_t)body->domain.node_count * sizeof *u);
+    sbi_body_update_positions(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    memset(&command, 0, sizeof command);
+    memcpy(&shift, &memory.shift, sizeof shift);
+    ints[0] = sbi_int_of(shift & 0xffffffffu);
+    ints[1] = sbi_int_of(shift >> 32);
+    ints[2] = memory.successes;
+    ints[3] = memory.wait;
+    command.code = SBI_COMMAND_PLACE;
+    command.ints = ints;
+    command.int_count = SBI_PLACE_INTS;
+    command.reals = &body->displacement[0].x;
+    command.real_count = 3 * (size_t)body->domain.node_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API sb_result sbi_body_replay_place(sb_body *body, const int *ints, const sb_vec3 *u, sb_error *error)
+{
+    sbi_precond_memory memory;
+    uint64_t shift = (uint64_t)(uint32_t)ints[1] << 32 | (uint32_t)ints[0];
+    sb_result result;
+    memcpy(&memory.shift, &shift, sizeof shift);
+    memory.successes = ints[2];
+    memory.wait = ints[3];
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (!sb_v3_is_finite(u[i]))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the displacement of node %d is not finite", i);
+    if (!sbi_precond_is_memory(memory))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the memory of the preconditioner is none");
+    result = sbi_body_current_force(body, error);
+    if (result != SB_OK)
+        return result;
+    sbi_precond_set_memory(body->precond, memory);
+    sbi_body_place(body, u);
+    return SB_OK;
+}
+
+/* ---- forces and stiffness ---- */
+
+SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *allocator, sb_direct **factor,
+                                       sb_error *error)
+{
+    sb_direct_def def = sb_default_direct_def();
+    def.positions = body->reference;
+    return sb_direct_create(&def, &body->matrix, allocator, factor, error);
+}
+
+/* Factor of the mass matrix that makes `hold` of it. */
+static sb_real sbi_body_hold_factor(const sb_body *body, sb_real hold)
+{
+    sb_real mass = sb_body_mass(body);
+    return mass > 0 ? hold / mass : 0;
+}
+
+SBI_API sb_result sbi_body_factor(sb_body *b, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error)
+{
+    sb_result result = sbi_body_current_force(b, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++)
+        residual[i] = sb_v3_sub(b->internal[i], sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity));
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_QUASI, 1, &b->matrix);
+    sbi_body_add_mass(b, sbi_body_hold_factor(b, hold));
+    sb_matrix_constrain(&b->matrix, b->fixed, NULL, NULL);
+    return sb_direct_update(factor, &b->matrix, error);
+}
+
+/* ---- one iteration with a load from outside ---- */
+
+SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
+                                  sb_step_info *info, sbi_step *step)
+{
+    sb_result result;
+    memset(step, 0, sizeof *step);
+    sbi_step_begin_info(info);
+    step->body = body;
+    step->info = info;
+    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->hold = sbi_body_hold_factor(body, hold);
+    step->linear_tolerance = tolerance;
+    step->linearised = 1;
+    step->max_iterations = body->max_iterations;
+    sbi_step_save(body);
+    result = sbi_potential_lend(body, potential, &info->error);
+    if (result != SB_OK) {
+        step->done = 1; /* it was not lent */
+        return result;
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        body->external[i] = sb_v3_madd(body->dead_load[i], body->load_mass[i], body->gravity);
+    return sbi_step_linearise(step);
+}
+
+SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step) { return step->body->increment; }
+
+SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_vec3 *u)
+{
+    sb_body *b = step->body;
+    if (!step->done)
+        sbi_potential_return(b, potential);
+    memcpy(b->external, b->saved_external, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (u)
+        sbi_body_place(b, u);
+    else
+        sbi_step_restore(b);
+}
