@@ -50,6 +50,7 @@ static sb_body *make_body(const sb_mesh *mesh, const scheme *how)
     def.damping_stiffness = beta_of(how);
     def.integrator = how->integrator;
     def.preconditioner = how->precond;
+    def.slack = 1;
     return scene_body(&def);
 }
 
@@ -73,6 +74,33 @@ static sb_result act_fibres(actor *a)
     for (int e = 0; e < MAX_CELLS; e++)
         fibres[e] = sb_v3(1, REAL(e % 3), 0);
     return sb_body_set_fibres(a->body, fibres, &a->error);
+}
+static sb_result act_change(actor *a)
+{
+    sb_body_change *change;
+    sb_vec3 x = sb_body_rest_positions(a->body)[a->free_nodes[0]];
+    sb_result result = sb_body_change_begin(a->body, &change, &a->error);
+    if (result != SB_OK)
+        return result;
+    result = sb_body_change_move_node(change, a->free_nodes[0], sb_v3_add(x, sb_v3(REAL(1e-4), 0, REAL(1e-4))), &a->error);
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, &a->error);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+static void act_follow(void *user, const sb_body *body, const sb_mesh_change *change) { (void)user, (void)body, (void)change; }
+static sb_result act_listen(actor *a)
+{
+    sb_body_listener listener = {NULL, NULL, act_follow, NULL};
+    return sb_body_listen(a->body, &listener, NULL, &a->error);
+}
+static sb_result act_unlisten(actor *a)
+{
+    sb_body_listener listener = {NULL, NULL, act_follow, NULL};
+    int id;
+    sb_result result = sb_body_listen(a->body, &listener, &id, &a->error);
+    return result == SB_OK ? sb_body_unlisten(a->body, id) : result;
 }
 static sb_result act_gravity(actor *a) { return sb_body_set_gravity(a->body, sb_v3(1, 2, -3)); }
 static sb_result act_damping(actor *a) { return sb_body_set_damping(a->body, REAL(0.2), beta_of(a->how) / 2); }
@@ -446,6 +474,9 @@ static const act acts[] = {
     {"sb_body_set_gravity", act_gravity, ACTOR_LOADED},
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
     {"sb_body_set_solver", act_solver, ACTOR_LOADED},
+    {"sb_body_change_begin", act_change, ACTOR_LOADED},
+    {"sb_body_listen", act_listen, ACTOR_PLAIN},
+    {"sb_body_unlisten", act_unlisten, ACTOR_PLAIN},
     {"sb_body_fix_nodes", act_fix, ACTOR_PLAIN},
     {"sb_body_prescribe", act_prescribe, ACTOR_PLAIN},
     {"sb_body_release_nodes", act_release, ACTOR_LOADED},
