@@ -86,7 +86,7 @@ typedef struct ndli_node_move {
 
 struct ndl_remesh {
     ndl_remesh_def def;
-    ndl_tissue_mesh *mesh;
+    ndli_topology *mesh;
     ndli_needle *needles;
     int release_cursor;
     ndl_remesh_info info;
@@ -209,7 +209,7 @@ static int ndli_remesh_reserve(ndl_remesh *r)
     counts[0] = needle->count + 1;
     counts[1] = needle->depth + 1;
     counts[2] = needle->pool_count + tets;
-    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
+    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -347,7 +347,7 @@ static void ndli_remesh_end_gather(ndl_remesh *r)
 /* Adds the tets of a node that are not there yet; 0: no memory. */
 static int ndli_remesh_gather(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     for (int k = node < 0 ? -1 : mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
         ndli_patch_tet *to;
         int tet = k / 4;
@@ -371,7 +371,7 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
 /* Tet that was cut, from its parts: the part that has `node` in place of simplex[j] knows the face opposite that. */
 static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, const int *parts, ndli_patch_tet *parent)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
     parent->skin = 0;
@@ -384,7 +384,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
 }
 
@@ -397,7 +397,7 @@ static sb_real ndli_remesh_least_weight(const ndl_remesh *r, const int nodes[4],
 {
     const sb_vec3 *p = r->mesh->X;
     sb_real w[4];
-    ndli_tissue_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
+    ndli_tet_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
     return sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
 }
 
@@ -452,7 +452,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
-    return ndli_tissue_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
+    return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
                                ndli_remesh_at(r, n[3]));
 }
 
@@ -652,8 +652,8 @@ typedef enum ndli_move {
 static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
 {
     int flags = r->mesh->node_flags[node];
-    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
-           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+    return (flags & (NDLI_NODE_FIXED | NDLI_NODE_BOUNDARY)) ||
+           ((flags & (NDLI_NODE_INTERFACE | NDLI_NODE_CREATED)) == NDLI_NODE_INTERFACE &&
             r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
 }
 
@@ -667,7 +667,7 @@ static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
     if (ndli_remesh_is_bound(r, node))
         return 0;
-    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -861,7 +861,7 @@ static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
 static sb_real ndli_remesh_draft_quality(const ndli_draft *d, int tet)
 {
     const int *n = d->tets + 4 * (size_t)tet;
-    return ndli_tissue_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
+    return ndli_tet_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
 }
 
 static void ndli_remesh_draft_stars(ndl_remesh *r)
@@ -884,11 +884,11 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
     for (int i = 0; i < r->table_count; i++) {
         int node = r->table[i], flags = r->mesh->node_flags[node];
-        int fixed = (flags & (NDL_NODE_BOUNDARY | NDL_NODE_FIXED)) ||
-                    ((flags & NDL_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+        int fixed = (flags & (NDLI_NODE_BOUNDARY | NDLI_NODE_FIXED)) ||
+                    ((flags & NDLI_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
         if (c->drops_tip && node == tip)
-            flags &= ~NDL_NODE_NEEDLE;
-        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
+            flags &= ~NDLI_NODE_NEEDLE;
+        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDLI_NODE_NEEDLE))
             fixed = 1;
         r->draft.is_free[i] = (unsigned char)(!fixed && r->table_whole[i]);
     }
@@ -1206,7 +1206,7 @@ static void ndli_remesh_pop(ndl_remesh *r, int index)
 {
     ndli_needle *needle = r->needles + index;
     const ndli_split *top = needle->stack + needle->depth - 1;
-    ndli_tissue_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
+    ndli_topology_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
     needle->pool_count = top->first;
     needle->depth--;
 }
@@ -1228,30 +1228,30 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
 /* Does the best candidate; returns the node at X_new. */
 static int ndli_remesh_do(ndl_remesh *r, int start)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     const ndli_candidate *c = r->final;
     int plan, slide = -1, node, first_move;
-    ndli_tissue_begin(mesh);
-    plan = ndli_tissue_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
+    ndli_topology_begin(mesh);
+    plan = ndli_topology_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
     first_move = mesh->change_count;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
+        ndli_topology_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
     if (c->slid_moves)
-        slide = ndli_tissue_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
+        slide = ndli_topology_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
     if (c->undo)
         ndli_remesh_pop(r, r->needle);
     if (c->size == 1) {
-        ndli_tissue_move(mesh, plan);
+        ndli_topology_move(mesh, plan);
     } else {
-        int count = ndli_tissue_cut(mesh, c->simplex, c->size, plan, r->groups);
+        int count = ndli_topology_cut(mesh, c->simplex, c->size, plan, r->groups);
         ndli_remesh_push_split(r, c, mesh->changes[plan].node, count);
     }
     node = mesh->changes[plan].node;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_move(mesh, first_move + i);
+        ndli_topology_move(mesh, first_move + i);
     if (slide >= 0)
-        ndli_tissue_move(mesh, slide);
-    ndli_tissue_end(mesh);
+        ndli_topology_move(mesh, slide);
+    ndli_topology_end(mesh);
     r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
@@ -1260,15 +1260,15 @@ static int ndli_remesh_do(ndl_remesh *r, int start)
 
 static void ndli_remesh_release_node(ndl_remesh *r, int node)
 {
-    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDL_NODE_NEEDLE);
-    if (!(r->mesh->node_flags[node] & NDL_NODE_CREATED))
+    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDLI_NODE_NEEDLE);
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_CREATED))
         r->mesh->owner[node] = -1;
 }
 
 static void ndli_remesh_add_node(ndl_remesh *r, int node)
 {
     ndli_needle *needle = r->needles + r->needle;
-    r->mesh->node_flags[node] |= NDL_NODE_NEEDLE;
+    r->mesh->node_flags[node] |= NDLI_NODE_NEEDLE;
     r->mesh->owner[node] = r->needle;
     if (ndli_remesh_from_tip(needle, 0) != node)
         needle->nodes[needle->count++] = node;
@@ -1276,7 +1276,7 @@ static void ndli_remesh_add_node(ndl_remesh *r, int node)
 
 /* ---- afterwards: release ---- */
 
-static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
+static sb_real ndli_remesh_star_least(const ndli_topology *mesh, int node)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
@@ -1285,7 +1285,7 @@ static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
 }
 
 /* Worst quality about a node if it were at X; anything <= floor when that is not better than floor. */
-static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec3 X, sb_real floor)
+static sb_real ndli_remesh_star_at(const ndli_topology *mesh, int node, sb_vec3 X, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0 && least > floor; k = mesh->corner_next[k]) {
@@ -1293,7 +1293,7 @@ static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec
         sb_vec3 p[4];
         for (int c = 0; c < 4; c++)
             p[c] = n[c] == node ? X : mesh->X[n[c]];
-        least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+        least = sb_min(least, ndli_tet_quality(p[0], p[1], p[2], p[3]));
     }
     return least;
 }
@@ -1310,19 +1310,19 @@ static int ndli_remesh_is_ours(const ndl_remesh *r, int node)
 
 static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
-    ndli_tissue_move(mesh, ndli_tissue_plan(mesh, node, X, mesh->node_star[node] / 4));
-    ndli_tissue_end(mesh);
+    ndli_topology *mesh = r->mesh;
+    ndli_topology_begin(mesh);
+    ndli_topology_move(mesh, ndli_topology_plan(mesh, node, X, mesh->node_star[node] / 4));
+    ndli_topology_end(mesh);
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
 static int ndli_remesh_send_home(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     sb_vec3 way = sb_v3_sub(mesh->X0[node], mesh->X[node]);
     sb_real enough;
-    if ((mesh->node_flags[node] & NDL_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
+    if ((mesh->node_flags[node] & NDLI_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
         return 0;
     enough = sb_min(ndli_remesh_star_least(mesh, node), r->def.release_above);
     for (int quarters = 4; quarters > 0; quarters--) {
@@ -1343,7 +1343,7 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
     const ndli_split *top = ndli_remesh_top(needle);
     ndli_patch_tet parent;
     sb_real least = SB_REAL_MAX;
-    if (!top || (r->mesh->node_flags[top->node] & NDL_NODE_NEEDLE))
+    if (!top || (r->mesh->node_flags[top->node] & NDLI_NODE_NEEDLE))
         return 0;
     for (int g = 0; g < top->count; g++) {
         ndli_remesh_parent(r, top, needle->pool + top->first + top->size * g, &parent);
@@ -1351,16 +1351,16 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
     }
     if (!(least >= sb_min(ndli_remesh_star_least(r->mesh, top->node), r->def.release_above)))
         return 0;
-    ndli_tissue_begin(r->mesh);
+    ndli_topology_begin(r->mesh);
     ndli_remesh_pop(r, index);
-    ndli_tissue_end(r->mesh);
+    ndli_topology_end(r->mesh);
     return 1;
 }
 
 /* A few nodes each time, in turn. */
 static void ndli_remesh_release(ndl_remesh *r)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     int tries = sbi_min_int(mesh->displaced_count, NDLI_RELEASES);
     for (int i = 0; i < r->def.max_needles; i++)
         while (ndli_remesh_pop_spare(r, i))
@@ -1492,7 +1492,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
 
 NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     sb_real shortest = SB_REAL_MAX;
     int tip, behind;
     if (!remesh || needle < 0 || needle >= remesh->def.max_needles || !remesh->needles[needle].count)
@@ -1511,7 +1511,7 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 
 static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     sb_real share = 1; /* of the limit, smaller while no operation is found */
     for (int i = 0; i < NDLI_MAX_SUBSTEPS; i++) {
         int tip = ndli_remesh_from_tip(r->needles + r->needle, 0), last, tet;
@@ -1521,7 +1521,7 @@ static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, s
         last = !(length > limit);
         if (!last)
             to = sb_v3_madd(mesh->X[tip], limit / length, way);
-        tet = ndl_tissue_mesh_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
+        tet = ndli_topology_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
         if (tet < 0) {
             r->info.outside = 1;
             return SB_OK;
@@ -1559,13 +1559,13 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info)
 {
-    const ndl_tissue_mesh *mesh = remesh->mesh;
+    const ndli_topology *mesh = remesh->mesh;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
     int tip, tet;
     if (result != SB_OK)
         return result;
     tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    tet = ndli_topology_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
     remesh->enough = enough;
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
@@ -1633,7 +1633,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
+        (r->mesh->node_flags[simplex[0]] & (NDLI_NODE_FIXED | NDLI_NODE_INTERFACE)))
         return;
     if (!ndli_remesh_keeps_skin(r))
         return;
@@ -1689,7 +1689,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     if (!hit)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "hit is NULL");
     if (hit->tet < 0 || hit->tet >= mesh->tet_end || mesh->tets[4 * (size_t)hit->tet] < 0 || hit->face < 0 ||
@@ -1729,7 +1729,7 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
         node = r->final[0].simplex[0];
     else
         node = ndli_remesh_do(r, hit->tet);
-    r->mesh->node_flags[node] |= NDL_NODE_BOUNDARY;
+    r->mesh->node_flags[node] |= NDLI_NODE_BOUNDARY;
     ndli_remesh_add_node(r, node);
     r->info.substeps = 1;
     ndli_remesh_tidy(r);
@@ -1758,19 +1758,19 @@ NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
 static void ndli_remesh_restore(ndl_remesh *r)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
+    ndli_topology *mesh = r->mesh;
+    ndli_topology_begin(mesh);
     for (int i = 0; i < mesh->displaced_count; i++) {
         int node = mesh->displaced[i];
-        ndli_tissue_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
+        ndli_topology_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
     }
     for (int i = 0; i < r->def.max_needles; i++)
         while (r->needles[i].depth)
             ndli_remesh_pop(r, i);
     for (int i = 0; i < mesh->change_count; i++)
-        ndli_tissue_move(mesh, i);
-    ndli_tissue_end(mesh);
-    ndli_tissue_reset_densities(mesh);
+        ndli_topology_move(mesh, i);
+    ndli_topology_end(mesh);
+    ndli_topology_reset_densities(mesh);
     r->info.released += mesh->change_count;
 }
 
@@ -1820,7 +1820,7 @@ NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *c
 
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     int count, start, tet;
     const int *nodes = ndl_remesh_nodes(remesh, needle, &count);
     sb_real most = -SB_REAL_MAX;
@@ -1828,11 +1828,11 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndl_tissue_mesh_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         least = sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
         if (least > most) {
             most = least;
@@ -1842,7 +1842,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
     {
         const int *n = mesh->tets + 4 * (size_t)(tet < 0 ? start : tet);
         sb_real w[4];
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         *X = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
             *X = sb_v3_madd(*X, w[c], mesh->X[n[c]]);
@@ -1865,7 +1865,7 @@ typedef struct ndli_remesh_head {
     int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
 } ndli_remesh_head;
 
-static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
 {
     size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
     uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
@@ -1971,7 +1971,7 @@ NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
 }
 
 /* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
+static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
 {
     if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
         s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
@@ -1998,7 +1998,7 @@ static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end
 
 /* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
  * out */
-static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
+static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
 {
     ndli_needle none;
     ndli_image image;
@@ -2032,7 +2032,7 @@ static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsign
  * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
  * of an image are undone on a copy of the tissue's topology first. */
 typedef struct ndli_rehearsal {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     int *tets;   /* [tet_end][4]; first -1: not in use */
     int *stars;  /* [node_end] tets of a node; -1: undone */
     int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
@@ -2082,7 +2082,7 @@ static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, in
     for (int i = depth - 1; i >= 0; i--) {
         ndli_split s;
         memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
+        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDLI_NODE_CREATED) ||
             h->stars[s.simplex[0]] < 1)
             return 0;
         end = s.first;
@@ -2102,10 +2102,10 @@ static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, in
 /* Nodes of a needle, entry first: its own, each once, joined by edges. */
 static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
 {
-    const ndl_tissue_mesh *mesh = h->mesh;
+    const ndli_topology *mesh = h->mesh;
     for (int i = 0; i < count; i++) {
         int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
+        if (!(mesh->node_flags[node] & NDLI_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
             return 0;
         h->threaded[node] = 1;
         for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
@@ -2147,7 +2147,7 @@ static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
 /* Every needle of an image whose indices are in their ranges. */
 static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     for (int i = 0; i < r->def.max_needles; i++) {
         const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
         int counts[4];
@@ -2161,8 +2161,8 @@ static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, con
         in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
     }
     for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
-            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
+        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDLI_NODE_NEEDLE) ||
+            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDLI_NODE_CREATED)))
             return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
                                  "needle or the split of node %d", i);
     return SB_OK;
