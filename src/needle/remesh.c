@@ -86,7 +86,8 @@ typedef struct ndli_node_move {
 
 struct ndl_remesh {
     ndl_remesh_def def;
-    ndli_topology *mesh;
+    ndli_topology topology, *mesh; /* mesh: that topology */
+    sb_body *body;
     ndli_needle *needles;
     int release_cursor;
     ndl_remesh_info info;
@@ -209,7 +210,8 @@ static int ndli_remesh_reserve(ndl_remesh *r)
     counts[0] = needle->count + 1;
     counts[1] = needle->depth + 1;
     counts[2] = needle->pool_count + tets;
-    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets);
+    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets) &&
+           ndli_remesh_reserve_change(r, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -230,8 +232,8 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
 {
     if (!def || def->cookie != NDLI_REMESH_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_remesh_def");
-    if (!def->tissue || !def->tissue->block)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
     if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
@@ -1251,7 +1253,7 @@ static int ndli_remesh_do(ndl_remesh *r, int start)
         ndli_topology_move(mesh, first_move + i);
     if (slide >= 0)
         ndli_topology_move(mesh, slide);
-    ndli_topology_end(mesh);
+    ndli_remesh_commit(r);
     r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
@@ -1313,7 +1315,7 @@ static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
     ndli_topology *mesh = r->mesh;
     ndli_topology_begin(mesh);
     ndli_topology_move(mesh, ndli_topology_plan(mesh, node, X, mesh->node_star[node] / 4));
-    ndli_topology_end(mesh);
+    ndli_remesh_commit(r);
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
@@ -1353,7 +1355,7 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
         return 0;
     ndli_topology_begin(r->mesh);
     ndli_remesh_pop(r, index);
-    ndli_topology_end(r->mesh);
+    ndli_remesh_commit(r);
     return 1;
 }
 
@@ -1769,8 +1771,7 @@ static void ndli_remesh_restore(ndl_remesh *r)
             ndli_remesh_pop(r, i);
     for (int i = 0; i < mesh->change_count; i++)
         ndli_topology_move(mesh, i);
-    ndli_topology_end(mesh);
-    ndli_topology_reset_densities(mesh);
+    ndli_remesh_commit(r);
     r->info.released += mesh->change_count;
 }
 

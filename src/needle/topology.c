@@ -321,7 +321,7 @@ static sb_real ndli_topology_cross(sb_vec3 p, sb_vec3 d, sb_vec3 a, sb_vec3 b, s
     return sb_v3_dot(ap, n) / den;
 }
 
-NDLI_API int ndli_topology_hit(const ndli_topology *mesh, const sb_vec3 *x, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
+NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
 {
     sb_vec3 d = sb_v3_sub(to, from);
     int found = 0;
@@ -335,7 +335,7 @@ NDLI_API int ndli_topology_hit(const ndli_topology *mesh, const sb_vec3 *x, sb_v
             sb_real w[3], along;
             if (mesh->neighbours[4 * (size_t)tet + (size_t)face] >= 0)
                 continue;
-            along = ndli_topology_cross(from, d, x[a], x[b], x[c], w);
+            along = ndli_topology_cross(from, d, mesh->x[a], mesh->x[b], mesh->x[c], w);
             if (along < 0 || along > 1 || (found && along >= hit->along))
                 continue;
             found = 1;

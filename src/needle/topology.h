@@ -55,6 +55,7 @@ typedef struct ndli_topology {
     /* nodes [node_end] */
     sb_vec3 *X;                /* material position (m) */
     sb_vec3 *X0;               /* material position in the undivided mesh; created nodes: where they were made */
+    const sb_vec3 *x;          /* position (m): the body's, borrowed anew after each change and before each step */
     int *owner;                /* needle that the node is on or was made by, or -1 */
     int *node_star;            /* first corner, or -1 */
     unsigned char *node_flags; /* NDLI_NODE_...; 0: not in use */
@@ -104,10 +105,9 @@ NDLI_API void ndli_topology_free(ndli_topology *mesh);
  * NULL. -1 also for a start that is no tet, without weights. */
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                 sb_real weights[4]);
-/* First surface face that the segment crosses from outside in space, x: the body's positions; 0 and *hit untouched when
+/* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
  * there is none. O(tets): for a needle that is not in yet. */
-NDLI_API int ndli_topology_hit(const ndli_topology *mesh, const sb_vec3 *x, sb_vec3 from, sb_vec3 to,
-                               ndl_surface_hit *hit);
+NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
 
 /* How good the material mesh is; any place may be NULL. Angles in degrees. O(tets). */
 NDLI_API void ndli_topology_quality(const ndli_topology *mesh, sb_real *worst_quality, sb_real *min_dihedral,
