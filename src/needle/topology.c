@@ -688,3 +688,41 @@ NDLI_API int ndli_topology_is_original(const ndli_topology *mesh)
             return 0;
     return 1;
 }
+
+/* ---- undo and state ---- */
+
+NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts)
+{
+    counts[0] = mesh->node_end, counts[1] = mesh->tet_end;
+    counts[2] = mesh->node_count, counts[3] = mesh->tet_count;
+    counts[4] = mesh->free_node, counts[5] = mesh->free_tet;
+    counts[6] = mesh->displaced_count, counts[7] = 0;
+}
+
+NDLI_API void ndli_topology_take_counts(ndli_topology *mesh, const int *counts)
+{
+    mesh->node_end = counts[0], mesh->tet_end = counts[1];
+    mesh->node_count = counts[2], mesh->tet_count = counts[3];
+    mesh->free_node = counts[4], mesh->free_tet = counts[5];
+    mesh->displaced_count = counts[6];
+}
+
+NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, ndli_image *image)
+{
+    size_t nodes = (size_t)counts[0], tets = (size_t)counts[1];
+    ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, mesh->owner, nodes, sizeof(int));
+    ndli_image_part(image, mesh->node_star, nodes, sizeof(int));
+    ndli_image_part(image, mesh->displaced, (size_t)counts[6], sizeof(int));
+    ndli_image_part(image, mesh->displaced_at, nodes, sizeof(int));
+    ndli_image_part(image, mesh->node_flags, nodes, 1);
+    ndli_image_part(image, mesh->tets, tets, 4 * sizeof(int));
+    ndli_image_part(image, mesh->neighbours, tets, 4 * sizeof(int));
+    ndli_image_part(image, mesh->corner_next, tets, 4 * sizeof(int));
+    ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
+    ndli_image_part(image, mesh->regions, tets, sizeof(int));
+    ndli_image_part(image, mesh->parents, tets, sizeof(int));
+    ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
+    ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
+}

@@ -7,6 +7,7 @@
 
 #include "../softbody/mesh/mesh.h"
 #include "api.h"
+#include "image.h"
 
 /* What a node is; flags of ndli_topology.node_flags. */
 enum {
@@ -147,6 +148,14 @@ NDLI_API void ndli_topology_mend(ndli_topology *mesh, int node, const int *simpl
                                  int count);
 NDLI_API void ndli_topology_move(ndli_topology *mesh, int plan);
 NDLI_API void ndli_topology_end(ndli_topology *mesh, ndli_topology_change *change);
+
+/* All that changes, for undo and saved states: measures, writes or reads; the order of rings is part of it, since sums
+ * follow it. counts: NDLI_TOPOLOGY_COUNTS ints that ndli_topology_counts gives; when reading, the image's. */
+enum { NDLI_TOPOLOGY_COUNTS = 8 };
+NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts);
+NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, ndli_image *image);
+/* After reading: takes over the counts. */
+NDLI_API void ndli_topology_take_counts(ndli_topology *mesh, const int *counts);
 #endif
 
 #endif /* NDL_TOPOLOGY_H */
