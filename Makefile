@@ -266,7 +266,7 @@ dev: build/split/tests
 	build/split/tests $(FILTER)
 
 lint: $(LINT_OK) build/split/tests
-	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "tests/order.sh build/split" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
 
 # ---- all that CI runs ------------------------------------------------------------------------------------------
 
@@ -295,7 +295,7 @@ race: $(HEADERS) build/bench/bench_step build/bench/bench_jumps
 # elsewhere the program mutates the corpus by itself. The corpus is also a test.
 FUZZ_SECONDS = 10
 FUZZ_TARGETS = vtk gmsh tetgen surface geometry mesh case state record body cloud vtu medit needle_state needle_program \
-	icp cpd match nicp precond
+	icp cpd match nicp precond image
 FUZZ_PARTS = $(FUZZERS) $(HEADERS) $(wildcard tests/fuzz/*.h examples/case_reader.h)
 CORPUS_TESTS = $(foreach target,$(FUZZ_TARGETS),"build/fuzz/plain $(target) tests/fuzz/corpus/$(target)/*")
 CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput(void) { return 0; }' | \

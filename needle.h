@@ -2022,13 +2022,22 @@ NDLI_API void ndli_rod_publish(ndl_rod *rod);
 NDLI_API void ndli_rod_save(ndl_rod *rod);
 NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
+/* ---- rod_turn ---- */
+
+/* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
+NDLI_API void ndli_rod_relax(ndl_rod *rod);
+NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+ * edge stays. */
+NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
+/* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
+NDLI_API double ndli_rod_turn_floor(const ndl_rod *rod, int j);
+
 /* ---- rod_step ---- */
 
 /* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
  * found none, and the state is as before. */
 NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
-/* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
-NDLI_API void ndli_rod_relax(ndl_rod *rod);
 
 /* ---- rod_grip ---- */
 
@@ -2626,6 +2635,98 @@ NDLI_API void ndli_rod_add_damping_matrix(const ndl_rod *rod, double factor, ndl
                 ndli_m_add(&matrix->node[i - 1 + r][r - c], factor, &block);
             }
     }
+}
+
+/* ==== src/needle/rod_turn.c ==== */
+/* rod_turn: minimises a rod's potential over its frames alone. */
+
+static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, double *noise)
+{
+    ndli_rod_sums sums;
+    double potential;
+    ndli_rod_set_angles(rod, theta, !rod->plain); /* the bending of a plain rod does not see its frames */
+    sums = ndli_rod_shape_energy(rod);
+    potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
+    *noise = 4.5e-15 * potential + sums.turn_noise;
+    for (int j = 0; j < ndli_rod_edges(rod); j++) {
+        potential -= rod->torque[j] * theta[j];
+        *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
+    }
+    return potential;
+}
+
+NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod)
+{
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        if (rod->turn_held[j])
+            return 1;
+    return 0;
+}
+
+NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
+{
+    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain && rod->grips == 0);
+}
+
+NDLI_API double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod->torsion / rod->rest_length[j]; }
+
+/* step_theta = a Newton step for the angles; 0 when the matrix is not positive definite. */
+static int ndli_rod_turn_step(ndl_rod *rod, int flags)
+{
+    int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
+    ndli_rod_turn_derivatives(rod, flags, rod->turn_gradient, &rod->matrix);
+    for (int j = 0; j < n; j++) {
+        int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
+        rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
+        rod->band[2 * j + 1] = known ? 1 : rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
+        rod->step_theta[j] = known ? 0 : rod->torque[j] - rod->turn_gradient[j];
+    }
+    if (ndli_band_factor(rod->band, n, 1, 1e-14) >= 0)
+        return 0;
+    ndli_band_solve(rod->band, n, 1, rod->step_theta);
+    return 1;
+}
+
+/* Whether Newton is at an end although its last step was not below what matters: where springs slip angles may be
+ * large and their rounding, too. The whole step (largest change, change before) promised no more than noise. */
+static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double before, double noise)
+{
+    double promised = 0;
+    for (int j = 0; j < ndli_rod_edges(rod); j++)
+        promised += 0.5 * fabs(rod->step_theta[j] * (rod->torque[j] - rod->turn_gradient[j]));
+    return rod->grips > 0 && promised <= noise && largest > 0.25 * before;
+}
+
+NDLI_API void ndli_rod_relax(ndl_rod *rod)
+{
+    size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
+    double noise, potential, before = 0;
+    /* at worst one more spring begins to slip in each */
+    int most = 50 + 2 * rod->grips;
+    ndli_rod_set_shape(rod, rod->x, rod->theta);
+    potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
+    for (int iteration = 0; iteration < most; iteration++) {
+        double size = 1, largest = 0, next = potential;
+        if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
+            break;
+        for (int j = 0; j < ndli_rod_edges(rod); j++)
+            largest = fmax(largest, fabs(rod->step_theta[j]));
+        for (int halving = 0; halving < 30; halving++, size *= 0.5) {
+            for (int j = 0; j < ndli_rod_edges(rod); j++)
+                rod->try_theta[j] = rod->theta[j] + size * rod->step_theta[j];
+            next = ndli_rod_turn_potential(rod, rod->try_theta, &noise);
+            if (next <= potential + noise)
+                break;
+        }
+        if (next > potential + noise)
+            break;
+        memcpy(rod->theta, rod->try_theta, bytes);
+        potential = next;
+        if (largest < 1e-13 || ndli_rod_turns_settled(rod, largest, before, noise))
+            break;
+        before = size * largest;
+    }
+    ndli_rod_set_angles(rod, rod->theta, 1);
 }
 
 /* ==== src/needle/rod.c ==== */
@@ -3528,7 +3629,7 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
 }
 
 /* ==== src/needle/rod_step.c ==== */
-/* rod_step: minimises a rod's potential over nodes and frames: a time step, a static solve, frames alone.
+/* rod_step: minimises a rod's potential over nodes and frames: a time step, a static solve.
  *
  * Positions x' of a step minimise
  *     1/2 inertia |x' - predicted|^2_M + E(x', theta') - loads.(x' - x) - torques.theta' + dissipation
@@ -3547,100 +3648,6 @@ typedef struct ndli_rod_progress {
     double residual, scale;  /* N: largest of what is left, of what is at work */
     double floor;            /* N: what rounding of positions leaves */
 } ndli_rod_progress;
-
-/* ---- frames alone ---- */
-
-static double ndli_rod_turn_potential(const ndl_rod *rod, const double *theta, double *noise)
-{
-    ndli_rod_sums sums;
-    double potential;
-    ndli_rod_set_angles(rod, theta, !rod->plain); /* the bending of a plain rod does not see its frames */
-    sums = ndli_rod_shape_energy(rod);
-    potential = sums.bend + sums.twist + sums.grip + sums.viscous; /* stretching stays the same, and would drown it */
-    *noise = 4.5e-15 * potential + sums.turn_noise;
-    for (int j = 0; j < ndli_rod_edges(rod); j++) {
-        potential -= rod->torque[j] * theta[j];
-        *noise += 4.5e-15 * fabs(rod->torque[j] * theta[j]);
-    }
-    return potential;
-}
-
-static int ndli_rod_any_turn_held(const ndl_rod *rod)
-{
-    for (int j = 0; j < ndli_rod_edges(rod); j++)
-        if (rod->turn_held[j])
-            return 1;
-    return 0;
-}
-
-/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
- * edge stays. */
-static int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held)
-{
-    return rod->turn_held[j] || (j == 0 && !any_held && rod->plain && rod->grips == 0);
-}
-
-/* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
-static double ndli_rod_turn_floor(const ndl_rod *rod, int j) { return 1e-9 * rod->torsion / rod->rest_length[j]; }
-
-/* step_theta = a Newton step for the angles; 0 when the matrix is not positive definite. */
-static int ndli_rod_turn_step(ndl_rod *rod, int flags)
-{
-    int n = ndli_rod_edges(rod), any_held = ndli_rod_any_turn_held(rod);
-    ndli_rod_turn_derivatives(rod, flags, rod->turn_gradient, &rod->matrix);
-    for (int j = 0; j < n; j++) {
-        int known = ndli_rod_turn_known(rod, j, any_held), before = j > 0 && !ndli_rod_turn_known(rod, j - 1, any_held);
-        rod->band[2 * j] = !known && before ? rod->matrix.turn_before[j] : 0;
-        rod->band[2 * j + 1] = known ? 1 : rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
-        rod->step_theta[j] = known ? 0 : rod->torque[j] - rod->turn_gradient[j];
-    }
-    if (ndli_band_factor(rod->band, n, 1, 1e-14) >= 0)
-        return 0;
-    ndli_band_solve(rod->band, n, 1, rod->step_theta);
-    return 1;
-}
-
-/* Whether Newton is at an end although its last step was not below what matters: where springs slip angles may be
- * large and their rounding, too. The whole step (largest change, change before) promised no more than noise. */
-static int ndli_rod_turns_settled(const ndl_rod *rod, double largest, double before, double noise)
-{
-    double promised = 0;
-    for (int j = 0; j < ndli_rod_edges(rod); j++)
-        promised += 0.5 * fabs(rod->step_theta[j] * (rod->torque[j] - rod->turn_gradient[j]));
-    return rod->grips > 0 && promised <= noise && largest > 0.25 * before;
-}
-
-NDLI_API void ndli_rod_relax(ndl_rod *rod)
-{
-    size_t bytes = (size_t)ndli_rod_edges(rod) * sizeof(double);
-    double noise, potential, before = 0;
-    /* at worst one more spring begins to slip in each */
-    int most = 50 + 2 * rod->grips;
-    ndli_rod_set_shape(rod, rod->x, rod->theta);
-    potential = ndli_rod_turn_potential(rod, rod->theta, &noise);
-    for (int iteration = 0; iteration < most; iteration++) {
-        double size = 1, largest = 0, next = potential;
-        if (!ndli_rod_turn_step(rod, NDLI_ROD_EXACT) && !ndli_rod_turn_step(rod, 0))
-            break;
-        for (int j = 0; j < ndli_rod_edges(rod); j++)
-            largest = fmax(largest, fabs(rod->step_theta[j]));
-        for (int halving = 0; halving < 30; halving++, size *= 0.5) {
-            for (int j = 0; j < ndli_rod_edges(rod); j++)
-                rod->try_theta[j] = rod->theta[j] + size * rod->step_theta[j];
-            next = ndli_rod_turn_potential(rod, rod->try_theta, &noise);
-            if (next <= potential + noise)
-                break;
-        }
-        if (next > potential + noise)
-            break;
-        memcpy(rod->theta, rod->try_theta, bytes);
-        potential = next;
-        if (largest < 1e-13 || ndli_rod_turns_settled(rod, largest, before, noise))
-            break;
-        before = size * largest;
-    }
-    ndli_rod_set_angles(rod, rod->theta, 1);
-}
 
 /* ---- potential of a step or solve, and its derivatives, in the shape that is tried ---- */
 

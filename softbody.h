@@ -418,6 +418,16 @@
 #define sb_mesh_save_obj sb_mesh_save_obj_f32
 #define sb_mesh_save_stl sb_mesh_save_stl_f32
 #define sb_mesh_save_ply sb_mesh_save_ply_f32
+#define sb_image_load sb_image_load_f32
+#define sb_image_load_memory sb_image_load_memory_f32
+#define sb_image_is_file sb_image_is_file_f32
+#define sb_image_free sb_image_free_f32
+#define sb_image_check sb_image_check_f32
+#define sb_image_next_label sb_image_next_label_f32
+#define sb_image_label_at sb_image_label_at_f32
+#define sb_default_label_def sb_default_label_def_f32
+#define sb_image_surface sb_image_surface_f32
+#define sb_image_set_regions sb_image_set_regions_f32
 #define sb_surface_create sb_surface_create_f32
 #define sb_surface_destroy sb_surface_destroy_f32
 #define sb_surface_move sb_surface_move_f32
@@ -2919,6 +2929,138 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
 
 #endif /* SB_MESHIO_H */
 
+/* ==== src/softbody/mesh/image.h ==== */
+/* image: label images, as segmentations come. Floor 1: calls base and the readers of meshio.
+ *
+ *     sb_image image;
+ *     if (sb_image_load(&image, "liver.mha", &options, &error) != SB_OK) ...     options.scale = 0.001: millimetres
+ *     sb_image_surface (surface of a label), sb_image_set_regions (labels of a mesh's elements): see labels.h
+ *     sb_image_free(&image);
+ *
+ * | format     | read                                                                                   |
+ * |------------|----------------------------------------------------------------------------------------|
+ * | VTK legacy | STRUCTURED_POINTS, 2.0 to 5.1, ASCII and binary, all numeric types                     |
+ * | VTI        | VTK's XML ImageData in one piece: ASCII, base64, appended, zlib-compressed              |
+ * | MetaImage  | .mha, .mhd with one data file: raw of both byte orders, ASCII, zlib-compressed          |
+ * | NRRD       | .nrrd, .nhdr with one data file: raw of both byte orders, ASCII, gzip                   |
+ *
+ * A file is untrusted input, see meshio.h. */
+#ifndef SB_IMAGE_H
+#define SB_IMAGE_H
+
+
+/* A box of voxels, each with a label; 0 is background. Fill it yourself or load it; zero-initialise. The centre of
+ * voxel (i, j, k) lies at origin + direction (i spacing.x, j spacing.y, k spacing.z). */
+typedef struct sb_image {
+    int counts[3];          /* voxels along i, j, k; each >= 1, their product at most 2147483647 */
+    sb_vec3 origin;         /* (m) centre of voxel (0, 0, 0) */
+    sb_vec3 spacing;        /* (m) > 0, between the centres of neighbours */
+    sb_mat3 direction;      /* columns: unit vectors along i, j, k, not in one plane; left-handed ones are fine */
+    int *labels;            /* [counts[2]][counts[1]][counts[0]], i fastest */
+    sb_allocator allocator; /* what labels came from; zeros: malloc */
+} sb_image;
+
+/* Reads a label image; the format is told by the content.
+ *
+ * image    overwritten on success (free it first when it owns labels), untouched on failure; sb_image_free
+ * options  scale (multiplies origin and spacing) and allocator are read; NULL: sb_default_load_options()
+ * error    may be NULL; file and line (line 0 in binary parts, where the message has the byte offset)
+ *
+ * VTK files: the first array of one number per point (or cell, where no point has one) is taken. Images of two
+ * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an int.
+ * Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
+ *
+ * SB_ERROR_ARGUMENT, _FILE, _FORMAT (also: data cut off, more of it than the header says, a value that is no label),
+ * _NOT_FINITE (origin, spacing, a value), _UNSUPPORTED (names what: more dimensions, vectors, a compression, pieces),
+ * _MEMORY. */
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error);
+/* The same from data[size] in memory, borrowed during the call; files that name a data file are SB_ERROR_UNSUPPORTED.
+ * name stands for the path in errors; may be NULL. */
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error);
+/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file that
+ * cannot be read. */
+SB_API int sb_image_is_file(const char *path);
+/* Releases the labels and zeroes the struct. Safe on {0} and on NULL. */
+SB_API void sb_image_free(sb_image *image);
+
+/* Whether the fields are as described above: SB_ERROR_ARGUMENT (names the field), _NOT_FINITE. */
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error);
+/* The smallest label above `after`: 1 and *label, or 0 when there is none. O(voxels). All labels but background:
+ *     for (int label = 0; sb_image_next_label(&image, label, &label);) ...   (those below 0: start at INT_MIN) */
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label);
+/* Label of the voxel that holds the point (m); 0 outside the image. Labels of many points: sb_image_set_regions. */
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point);
+
+
+#endif /* SB_IMAGE_H */
+
+/* ==== src/softbody/geometry/labels.h ==== */
+/* labels: from a label image to what is simulated: a closed surface round labels, and regions of a mesh. Floor 2.
+ *
+ *     sb_label_def def = sb_default_label_def();
+ *     def.image = &image;                                        all labels but 0: the organ with its tumour
+ *     sb_image_surface(&def, &mesh, &report, &error);            then sb_surface_create, sb_mesh_stuff or a grid
+ *     sb_image_set_regions(&image, &tets, &error);               each element's region is its label
+ *
+ * Where the tumour's boundary matters, mesh it: the surface of its label as a second shape of sb_stuff_def. */
+#ifndef SB_LABELS_H
+#define SB_LABELS_H
+
+
+enum { SB_LABEL_MAX_SMOOTHING = 8 };
+
+/* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
+typedef struct sb_label_def {
+    const sb_image *image;  /* borrowed */
+    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    int label_count;
+    int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
+                             * steps. n: steps of up to about 2 n voxels length become slopes */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    unsigned cookie;        /* set by sb_default_label_def; a def made without it is refused */
+} sb_label_def;
+
+typedef struct sb_label_report {
+    int voxels;             /* that are inside */
+    sb_real voxel_volume;   /* m^3 of them */
+    sb_real volume;         /* m^3 that the surface encloses */
+    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+} sb_label_report;
+
+SB_API sb_label_def sb_default_label_def(void);
+
+/* The boundary of labels as a mesh of tri3, oriented outward (cavities inward), closed and manifold whatever the voxels: no
+ * edge of more or fewer than two triangles, no node where parts touch, no two triangles that cross. It passes between the
+ * centres of voxels inside and outside, all of which stay on their side, so nothing is lost and nothing joins: also what is
+ * one voxel thick. Voxels that touch along an edge or in a corner only are parts of their own. Beyond the image is outside.
+ *
+ * The inside (1) and the outside (0) are filtered along each axis of the image by (1 2 1) / 4, `smoothing` times: G. What
+ * that takes from round parts comes back in (2 + sqrt 2) G - (1 + sqrt 2) G G, and the level near 1/2 (by up to 1/8) is
+ * taken at which the surface encloses the voxels' volume. Voxels that end up on the wrong side get a value that puts the
+ * surface half-way to their neighbours. Measured: the volume is that of the voxels to 1e-4 for balls of radius 2 to 22
+ * voxels, a torus, and plates 1, 2 and 3 voxels thick; single voxels and the smallest parts lose up to 5/6 of theirs. Look
+ * at report->volume where parts are that small.
+ *
+ * mesh: overwritten, not freed. report: or NULL. Failures leave both untouched: SB_ERROR_ARGUMENT (a field, named; no voxel
+ * has the labels), _NOT_FINITE (of the image), _UNSUPPORTED (more nodes or triangles than an int counts), _MEMORY. Two
+ * triangles for each face between voxels, and more where the surface is rough. Scratch: 8 bytes for each voxel of the
+ * box round the labels. O(voxels). The same bits each time.
+ *
+ * Source: marching cubes (Lorensen, Cline 1987) with loops traced face by face instead of a table: on a face whose corners
+ * alternate, voxels inside stay apart, so that both its cubes agree. Loops of five and more nodes, and those of four that
+ * meet one face twice, are filled round a centre, which no other triangle can touch. */
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error);
+
+/* Makes the regions of a mesh's elements their labels: that of most of a sample of points (the centre, and the points
+ * half-way from there to each node). Background (0) does not count, since the skin of a mesh cuts through voxels; where all
+ * points lie in it the nearest label is taken, up to two voxels away, and 0 if there is none. mesh->regions is made with
+ * mesh->allocator where it is NULL. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MESH (of the mesh's arrays), _MEMORY: the mesh
+ * is as it was. O(elements). */
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
+
+#endif /* SB_LABELS_H */
+
 /* ==== src/softbody/geometry/surface.h ==== */
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
  * repairs. Floor 2.
@@ -4277,7 +4419,7 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
 /* Bits of a node's constraint mask: which of its displacement components are prescribed. */
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
-/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
+/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_end[i])
  * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
  * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
@@ -4285,8 +4427,10 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
     int row_count; /* nodes */
-    int block_count;
-    int *row_start;       /* [row_count + 1] */
+    int block_count;      /* extent of the arrays of blocks */
+    int *row_start;       /* [row_count + 1] first block of each row */
+    int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
+                           * row_start[i + 1], unless the matrix follows a mesh that changes */
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
@@ -4297,6 +4441,7 @@ typedef struct sb_matrix {
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
+    struct sbi_matrix_live *live; /* internal, of a matrix that follows a mesh that changes; otherwise NULL */
     sb_allocator allocator;
 } sb_matrix;
 
@@ -5909,6 +6054,16 @@ typedef struct sbi_mesh_change {
     const int *reshaped_cells; /* [reshaped_cell_count] that stay with their nodes, some of which moved: cells of moved
                                 * nodes that are not made by this change */
 } sbi_mesh_change;
+
+/* ==== src/softbody/mesh/image.h, internal ==== */
+/* Position of the point with the coordinates i, j, k, and the way back. */
+typedef struct sbi_image_frame {
+    sb_mat3 axes, inverse; /* columns of axes: from a voxel to the next */
+    sb_vec3 origin;
+} sbi_image_frame;
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image);
+/* Label at the point, 0 outside. */
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point);
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
@@ -7666,28 +7821,124 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
     return result == SB_OK ? sbi_element_table_check_mass(table, error) : result;
 }
 
-/* ==== src/softbody/mesh/mesh.c ==== */
-/* mesh: checks, geometry, repairs, topology, reordering.
- *
- * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
- * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
- * and leaves equal keys side by side in the order of the elements, so every result is unique. */
+/* ==== src/softbody/mesh/mesh_private.h ==== */
+/* mesh_private: what the sources of a mesh share: samples of an element, keys, connected parts. */
+#ifndef SBI_MESH_PRIVATE_H
+#define SBI_MESH_PRIVATE_H
+
 
 #include <limits.h>
-#include <stdio.h>
 #include <string.h>
 
-#define SBI_MESH_LISTED 8 /* elements that an error message names */
+/* ---- mesh.c ---- */
 
-static sb_result sbi_mesh_no_memory(sb_error *error)
+SB_INLINE sb_result sbi_mesh_no_memory(sb_error *error)
 {
     return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the tables of a mesh");
 }
 
-static const int *sbi_mesh_element(const sb_mesh *mesh, int element)
+SB_INLINE const int *sbi_mesh_element(const sb_mesh *mesh, int element)
 {
     return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
+
+SB_INLINE void sbi_mesh_swap(int *nodes, int a, int b)
+{
+    int keep = nodes[a];
+    nodes[a] = nodes[b];
+    nodes[b] = keep;
+}
+
+SB_INLINE int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
+{
+    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
+}
+
+SBI_API void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator);
+/* Counts, type and pointers; what the arrays hold is not looked at. */
+SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error);
+SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error);
+/* An index of the element that names no node, through *index; 0 when there is none. */
+SBI_API int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index);
+/* Keeps the nodes with keep[v] == v in their order and points every index i at node keep[i]; keep is
+ * overwritten. keep[v] <= v. Returns the number of nodes removed. */
+SBI_API int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep);
+SBI_API sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error);
+
+/* ---- mesh_shape.c ---- */
+
+/* hex27 has the most: its nodes and its 27 points. */
+enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
+
+/* Shape functions at a set of points, made once for all elements. */
+typedef struct sbi_mesh_table {
+    int count;
+    sb_real weight[SBI_MESH_SAMPLES];
+    sb_real shape[SBI_MESH_SAMPLES][SBI_MESH_NODES];
+    sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
+} sbi_mesh_table;
+
+/* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
+ * over- or underflows at any scale of the mesh; `rounding`: bound of the relative error of a Jacobian made
+ * from them. */
+typedef struct sbi_mesh_local {
+    sb_vec3 x[SBI_MESH_NODES];
+    sb_real size, rounding;
+} sbi_mesh_local;
+
+SB_INLINE sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
+
+SB_INLINE sb_real sbi_mesh_corner_det(const sb_vec3 *x)
+{
+    return sb_m3_det(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+}
+
+/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
+SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element);
+/* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
+ * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
+ * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
+SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element);
+SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local);
+/* Columns dx/dxi at sample `point` of the table. */
+SBI_API sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x);
+/* First defect that an element has by itself (so not SB_MESH_DUPLICATE). */
+SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element);
+/* Box around the finite nodes; 0 when there are none. */
+SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
+/* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
+                                    sb_vec3 origin, double *area, double *flux);
+/* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
+ * leave out. */
+SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume);
+/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
+SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element);
+
+/* ---- mesh_keys.c ---- */
+
+enum { SBI_MESH_ALONE = -1, SBI_MESH_CROWDED = -2 };
+
+/* mate[part]: the one other part with the same key, or ALONE, or CROWDED (two others or more, or skipped). */
+SBI_API int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator);
+/* The smaller root becomes the root of both, so roots come first in every numbering. */
+SBI_API void sbi_mesh_unite(int *parent, int a, int b);
+/* Labels of the parts that share nodes, in the order of their first elements; skipped elements get -1.
+ * scratch: [node_count]. Returns the number of parts. */
+SBI_API int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch);
+/* 1 when the element runs through its edge `side` from the smaller node to the larger. */
+SBI_API int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side);
+SBI_API int sbi_mesh_count_runs(const sbi_mesh_keys *keys);
+
+/* ---- mesh_topology.c ---- */
+
+/* Node to element lists; 0 when memory is short or the entries do not fit an int. */
+SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists);
+
+#endif /* SBI_MESH_PRIVATE_H */
+
+/* ==== src/softbody/mesh/mesh.c ==== */
+/* mesh: arrays of a mesh: checked, allocated, copied, appended, freed. */
 
 /* ---- life ---- */
 
@@ -7701,7 +7952,7 @@ SB_API void sb_mesh_free(sb_mesh *mesh)
     memset(mesh, 0, sizeof *mesh);
 }
 
-static void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator)
+SBI_API void sbi_mesh_set_allocator(sb_allocator *target, const sb_allocator *allocator)
 {
     memset(target, 0, sizeof *target);
     if (allocator)
@@ -7736,8 +7987,7 @@ SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_coun
                                   allocator);
 }
 
-/* Counts, type and pointers; what the arrays hold is not looked at. */
-static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
+SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
 {
     if (!mesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh is NULL");
@@ -7761,7 +8011,7 @@ static sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
     return SB_OK;
 }
 
-static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
+SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (!sb_v3_is_finite(mesh->nodes[i]))
@@ -7770,8 +8020,7 @@ static sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
     return SB_OK;
 }
 
-/* An index of the element that names no node, through *index; 0 when there is none. */
-static int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
+SBI_API int sbi_mesh_index_out_of_range(const sb_mesh *mesh, int element, int *index)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -7857,18 +8106,36 @@ SB_API sb_result sb_mesh_append(sb_mesh *mesh, const sb_mesh *other, sb_error *e
     return SB_OK;
 }
 
+SBI_API int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
+{
+    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
+    int kept = 0, removed;
+    for (int v = 0; v < mesh->node_count; v++) {
+        if (keep[v] == v) {
+            mesh->nodes[kept] = mesh->nodes[v];
+            keep[v] = kept++;
+        } else if (keep[v] >= 0) {
+            keep[v] = keep[keep[v]]; /* its representative comes before it and has its new number */
+        }
+    }
+    for (size_t i = 0; i < indices; i++)
+        mesh->elements[i] = keep[mesh->elements[i]];
+    removed = mesh->node_count - kept;
+    mesh->node_count = kept;
+    return removed;
+}
+
+SBI_API sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error)
+{
+    if (!output)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the output is NULL");
+    return sbi_mesh_check_arrays(mesh, error);
+}
+
+/* ==== src/softbody/mesh/mesh_shape.c ==== */
+/* mesh_shape: what follows from the shape of an element: Jacobians, defects, volumes, areas, quality, angles. */
+
 /* ---- Jacobians ---- */
-
-/* hex27 has the most: its nodes and its 27 points. */
-enum { SBI_MESH_SAMPLES = SB_MAX_ELEMENT_NODES + SB_MAX_QUADRATURE_POINTS, SBI_MESH_NODES = SB_MAX_ELEMENT_NODES };
-
-/* Shape functions at a set of points, made once for all elements. */
-typedef struct sbi_mesh_table {
-    int count;
-    sb_real weight[SBI_MESH_SAMPLES];
-    sb_real shape[SBI_MESH_SAMPLES][SBI_MESH_NODES];
-    sb_real gradient[SBI_MESH_SAMPLES][SBI_MESH_NODES][3];
-} sbi_mesh_table;
 
 static void sbi_mesh_table_add(sbi_mesh_table *table, sbi_element element, const sb_real xi[3], sb_real weight)
 {
@@ -7884,18 +8151,14 @@ static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, 
         sbi_mesh_table_add(table, element, points[i], weights[i]);
 }
 
-/* The points to integrate volumes and areas with: exact for all volumes (tet10: degree 3; custom: the mass points). */
-static void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
+SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
     sbi_mesh_table_add_rule(table, element,
                             element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
-/* The points where a Jacobian must be positive: all nodes first; tet10: also the face centroids (the last
- * four of its 8-point rule) and the 14 points of its mass rule; hexes: also Gauss points, hex20 at the nodes of hex27.
- * Custom elements: their points only, since gradients may have no value at nodes. Quads: the corners alone. */
-static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
+SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
 {
     sb_real xi[3] = {0, 0, 0}, points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_element_type type = element.type, sampled = type == SB_HEX20 ? SB_HEX27 : type;
@@ -7915,17 +8178,7 @@ static void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element
         sbi_mesh_table_add_rule(table, element, SB_QUADRATURE_MASS);
 }
 
-/* An element's nodes relative to its first and divided by its largest extent `size` (m), so that no product
- * over- or underflows at any scale of the mesh; `rounding`: bound of the relative error of a Jacobian made
- * from them. */
-typedef struct sbi_mesh_local {
-    sb_vec3 x[SBI_MESH_NODES];
-    sb_real size, rounding;
-} sbi_mesh_local;
-
-static sb_real sbi_mesh_max_abs(sb_vec3 v) { return sb_max(sb_abs(v.x), sb_max(sb_abs(v.y), sb_abs(v.z))); }
-
-static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
+SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local *local)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -7946,8 +8199,7 @@ static void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_local
     }
 }
 
-/* Columns dx/dxi at sample `point` of the table. */
-static sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x)
+SBI_API sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int node_count, const sb_vec3 *x)
 {
     sb_vec3 column[3];
     for (int k = 0; k < 3; k++) {
@@ -7956,11 +8208,6 @@ static sb_mat3 sbi_mesh_jacobian(const sbi_mesh_table *table, int point, int nod
             column[k] = sb_v3_madd(column[k], table->gradient[point][a][k], x[a]);
     }
     return sb_m3_columns(column[0], column[1], column[2]);
-}
-
-static sb_real sbi_mesh_corner_det(const sb_vec3 *x)
-{
-    return sb_m3_det(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
 }
 
 /* ---- defects of one element ---- */
@@ -8036,8 +8283,7 @@ static int sbi_mesh_has_repeated_node(const int *nodes, int count)
     return 0;
 }
 
-/* First defect that an element has by itself (so not SB_MESH_DUPLICATE). */
-static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh), index;
@@ -8051,74 +8297,262 @@ static sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_mes
     return sbi_mesh_shape_defect(mesh, table, element);
 }
 
-/* ---- validation ---- */
-
-/* The elements with one kind of defect: how many, and the first few. */
-typedef struct sbi_mesh_offenders {
-    int count;
-    int first[SBI_MESH_LISTED];
-} sbi_mesh_offenders;
-
-static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
+SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
 {
-    switch (defect) {
-    case SB_MESH_INDEX_RANGE: return "with a node index out of range";
-    case SB_MESH_NODE_NOT_FINITE: return "with a node that is not finite";
-    case SB_MESH_REPEATED_NODE: return "with a node used twice";
-    case SB_MESH_INVERTED: return "inverted (negative volume)";
-    case SB_MESH_FLAT: return "flat (zero volume)";
-    case SB_MESH_BAD_MIDSIDE: return "folded by a misplaced mid-edge node";
-    case SB_MESH_DUPLICATE: return "with the corners of an element before it";
-    case SB_MESH_SOUND:
-    case SB_MESH_DEFECT_COUNT: break;
+    int found = 0;
+    for (int v = 0; v < mesh->node_count; v++) {
+        sb_vec3 x = mesh->nodes[v];
+        if (!sb_v3_is_finite(x))
+            continue;
+        *low = found ? sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z)) : x;
+        *high = found ? sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z)) : x;
+        found = 1;
     }
-    return "sound";
+    return found;
 }
 
-/* "3 elements inverted (negative volume): 3, 17, 40" */
-static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
-                                        sb_mesh_defect defect, sb_error *error)
+/* ---- geometry ---- */
+
+static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
 {
-    char list[16 * SBI_MESH_LISTED], index_text[64];
-    size_t used = 0;
-    int listed = offenders->count < SBI_MESH_LISTED ? offenders->count : SBI_MESH_LISTED, index = 0;
-    list[0] = index_text[0] = 0;
-    for (int i = 0; i < listed; i++)
-        used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
-    if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
-        snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
-    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
-                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
-                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
-                            offenders->count > listed ? ", ..." : "");
+    const int *nodes = sbi_mesh_element(mesh, element);
+    int n = sb_mesh_element_width(mesh);
+    sb_vec3 x[SBI_MESH_NODES];
+    sb_real volume = 0;
+    for (int a = 0; a < n; a++)
+        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
+    if (mesh->element_type == SB_TET4)
+        return sb_v3_dot(x[1], sb_v3_cross(x[2], x[3])) / 6;
+    for (int i = 0; i < table->count; i++)
+        volume += table->weight[i] * sb_m3_det(sbi_mesh_jacobian(table, i, n, x));
+    return volume;
 }
 
-SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
+                                    sb_vec3 origin, double *area, double *flux)
 {
-    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
-                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
-    sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
+    const int *nodes = sbi_mesh_element(mesh, element);
+    int n = sb_mesh_element_width(mesh);
+    sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
+    *area = *flux = 0;
+    for (int a = 0; a < n; a++)
+        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
+    for (int i = 0; i < table->count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, n, x);
+        sb_vec3 normal = sb_v3_cross(sb_m3_column(jacobian, 0), sb_m3_column(jacobian, 1)), point = offset;
+        for (int a = 0; a < n; a++)
+            point = sb_v3_madd(point, table->shape[i][a], x[a]);
+        *area += (double)(table->weight[i] * sb_v3_norm(normal));
+        *flux += (double)(table->weight[i] * sb_v3_dot(point, normal)) / 3;
+    }
+}
+
+static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
+{
+    return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
+           sb_mesh_element_width(mesh) > 0;
+}
+
+SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
+{
     sbi_mesh_table table;
-    sb_result result = sbi_mesh_check_shape(mesh, error);
-    if (result == SB_OK)
-        result = sbi_mesh_check_nodes(mesh, error);
-    if (result != SB_OK)
-        return result;
-    memset(found, 0, sizeof found);
-    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
-    for (int e = 0; e < mesh->element_count; e++) {
-        sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
-        if (found[defect].count < SBI_MESH_LISTED)
-            found[defect].first[found[defect].count] = e;
-        found[defect].count++;
-    }
-    if (sb_element_dimension(mesh->element_type) == 2)
-        found[SB_MESH_FLAT].count = 0; /* a sliver triangle harms no target or visual surface */
-    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++)
-        if (found[order[i]].count)
-            return sbi_mesh_fail_elements(mesh, &found[order[i]], order[i], error);
-    return SB_OK;
+    if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
+        return 0;
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
+    return sbi_mesh_volume_of(mesh, &table, element);
 }
+
+SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume)
+{
+    sbi_mesh_table table;
+    sb_vec3 origin = sb_v3(0, 0, 0);
+    int has_origin = 0;
+    *area = *volume = 0;
+    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
+    for (int e = 0; e < mesh->element_count; e++) {
+        double element_area = 0, element_volume = 0;
+        if (bad && bad[e])
+            continue;
+        if (!has_origin)
+            origin = mesh->nodes[sbi_mesh_element(mesh, e)[0]], has_origin = 1;
+        if (sb_element_dimension(mesh->element_type) == 3)
+            element_volume = (double)sbi_mesh_volume_of(mesh, &table, e);
+        else
+            sbi_mesh_area_and_flux(mesh, &table, e, origin, &element_area, &element_volume);
+        *area += element_area;
+        *volume += element_volume;
+    }
+}
+
+SB_API sb_real sb_mesh_volume(const sb_mesh *mesh)
+{
+    double area = 0, volume = 0;
+    if (sbi_mesh_has_element(mesh, 0))
+        sbi_mesh_measure(mesh, NULL, &area, &volume);
+    return (sb_real)volume;
+}
+
+SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
+{
+    double area = 0, volume = 0;
+    if (sbi_mesh_has_element(mesh, 0) && sb_element_dimension(mesh->element_type) == 2)
+        sbi_mesh_measure(mesh, NULL, &area, &volume);
+    return (sb_real)area;
+}
+
+SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
+{
+    if (!low || !high)
+        return;
+    *low = *high = sb_v3(0, 0, 0);
+    if (mesh && mesh->nodes)
+        sbi_mesh_finite_bounds(mesh, low, high);
+}
+
+static sb_real sbi_mesh_edge_squares(sb_element_type type, const sb_vec3 *x)
+{
+    sb_real sum = 0;
+    int ends[3];
+    for (int i = 0; i < sb_element_edge_count(type); i++) {
+        sb_vec3 edge;
+        sb_element_edge(type, i, ends);
+        edge = sb_v3_sub(x[ends[1]], x[ends[0]]);
+        sum += sb_v3_dot(edge, edge);
+    }
+    return sum;
+}
+
+/* 12 (3V)^(2/3) / sum of squared edges, with the sign of V. */
+static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
+{
+    sb_real det = sbi_mesh_corner_det(x), root;
+    if (det == 0)
+        return 0;
+    root = sb_cbrt(sb_abs(det) / 2); /* 3V = det / 2 */
+    return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
+}
+
+/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
+ * a quad is its mean normal. */
+static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
+                                        const sb_vec3 *x)
+{
+    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
+    sb_real worst = 1;
+    for (int i = 0; i < count; i++) {
+        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
+        sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
+                c = is_quad ? mean : sb_m3_column(jacobian, 2);
+        sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
+        sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
+        worst = sb_min(worst, quality);
+    }
+    return worst;
+}
+
+static sb_real sbi_mesh_triangle_quality(const sb_vec3 *x)
+{
+    sb_real doubled = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])));
+    return (sb_real)3.46410161513775458705 * doubled / sbi_mesh_edge_squares(SB_TRI3, x);
+}
+
+/* Smallest over largest Jacobian: 1 for straight edges. */
+static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec3 *x)
+{
+    sb_real low = SB_REAL_MAX, high = 0;
+    for (int i = 0; i < table->count; i++) {
+        sb_real det = sb_m3_det(sbi_mesh_jacobian(table, i, 10, x));
+        low = sb_min(low, det);
+        high = sb_max(high, det);
+    }
+    return high > 0 ? low / high : (sb_real)0;
+}
+
+SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+{
+    sb_real quality;
+    sbi_mesh_local local;
+    sbi_mesh_local_make(mesh, element, &local);
+    if (!(local.size > 0))
+        return 0;
+    switch (mesh->element_type) {
+    case SB_TET4: return sbi_mesh_tet_quality(local.x);
+    case SB_TET10:
+        quality = sbi_mesh_tet_quality(local.x);
+        return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
+    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
+    case SB_HEX20:
+    case SB_HEX27:
+    case SB_CUSTOM:
+        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_QUAD4:
+    case SB_QUAD8:
+    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
+    case SB_TRI3:
+    case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
+    case SB_NO_ELEMENT: break;
+    }
+    return 0;
+}
+
+SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
+{
+    sbi_mesh_table table;
+    if (!sbi_mesh_has_element(mesh, element))
+        return 0;
+    sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
+    return sbi_mesh_quality_of(mesh, &table, element);
+}
+
+SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
+{
+    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
+    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
+    sb_real size[4];
+    normals[1] = sb_v3_cross(b, c);
+    normals[2] = sb_v3_cross(c, a);
+    normals[3] = sb_v3_cross(a, b);
+    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
+    *of_smallest = -1;
+    *of_largest = 1;
+    for (int i = 0; i < 4; i++)
+        size[i] = sb_v3_norm(normals[i]);
+    for (int i = 0; i < 4; i++)
+        for (int j = i + 1; j < 4; j++) {
+            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
+            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
+        }
+}
+
+SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
+{
+    const sb_real degrees = (sb_real)57.295779513082321;
+    sb_real sharp = -1, blunt = 1;
+    int is_tet = mesh && mesh->nodes && mesh->elements &&
+                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
+    for (int e = 0; is_tet && e < mesh->element_count; e++) {
+        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
+        sb_vec3 corners[4];
+        sb_real of_smallest, of_largest;
+        for (int a = 0; a < 4; a++)
+            corners[a] = mesh->nodes[nodes[a]];
+        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
+        sharp = of_smallest <= sharp ? sharp : of_smallest;
+        blunt = of_largest >= blunt ? blunt : of_largest;
+    }
+    if (smallest)
+        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
+    if (largest)
+        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
+}
+
+/* ==== src/softbody/mesh/mesh_keys.c ==== */
+/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one place.
+ *
+ * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
+ * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
+ * and leaves equal keys side by side in the order of the elements, so every result is unique. */
 
 /* ---- keys: faces, edges and elements by their sorted corners ---- */
 
@@ -8252,10 +8686,7 @@ SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
     return end;
 }
 
-enum { SBI_MESH_ALONE = -1, SBI_MESH_CROWDED = -2 };
-
-/* mate[part]: the one other part with the same key, or ALONE, or CROWDED (two others or more, or skipped). */
-static int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator)
+SBI_API int *sbi_mesh_mates(const sbi_mesh_keys *keys, const sb_allocator *allocator)
 {
     int *mate = (int *)sbi_alloc(allocator, (size_t)keys->count, sizeof(int));
     for (int p = 0; mate && p < keys->count; p++)
@@ -8283,8 +8714,7 @@ static int sbi_mesh_find(int *parent, int i)
     return i;
 }
 
-/* The smaller root becomes the root of both, so roots come first in every numbering. */
-static void sbi_mesh_unite(int *parent, int a, int b)
+SBI_API void sbi_mesh_unite(int *parent, int a, int b)
 {
     int root_a = sbi_mesh_find(parent, a), root_b = sbi_mesh_find(parent, b);
     if (root_a < root_b)
@@ -8293,9 +8723,7 @@ static void sbi_mesh_unite(int *parent, int a, int b)
         parent[root_a] = root_b;
 }
 
-/* Labels of the parts that share nodes, in the order of their first elements; skipped elements get -1.
- * scratch: [node_count]. Returns the number of parts. */
-static int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
+SBI_API int sbi_mesh_label_components(const sb_mesh *mesh, const unsigned char *skip, int *label, int *scratch)
 {
     int n = sb_mesh_element_width(mesh), count = 0;
     for (int v = 0; v < mesh->node_count; v++)
@@ -8385,21 +8813,6 @@ static void sbi_mesh_grid_add(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
     grid->head[bucket] = node;
 }
 
-/* Box around the finite nodes; 0 when there are none. */
-static int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
-{
-    int found = 0;
-    for (int v = 0; v < mesh->node_count; v++) {
-        sb_vec3 x = mesh->nodes[v];
-        if (!sb_v3_is_finite(x))
-            continue;
-        *low = found ? sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z)) : x;
-        *high = found ? sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z)) : x;
-        found = 1;
-    }
-    return found;
-}
-
 /* Cells of four tolerances keep the nodes per cell few and mostly spare a look at the neighbours; never below
  * the spacing of numbers, so that cell indices fit. 0: the box is too large for its size to be a number. */
 static int sbi_mesh_grid_setup(const sb_mesh *mesh, sb_real tolerance, sbi_mesh_grid *grid)
@@ -8449,244 +8862,96 @@ SBI_API int sbi_mesh_find_duplicates(const sb_mesh *mesh, sb_real tolerance, con
     return removed;
 }
 
-/* ---- geometry ---- */
-
-static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
+SBI_API int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_mesh_element_width(mesh);
-    sb_vec3 x[SBI_MESH_NODES];
-    sb_real volume = 0;
-    for (int a = 0; a < n; a++)
-        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
-    if (mesh->element_type == SB_TET4)
-        return sb_v3_dot(x[1], sb_v3_cross(x[2], x[3])) / 6;
-    for (int i = 0; i < table->count; i++)
-        volume += table->weight[i] * sb_m3_det(sbi_mesh_jacobian(table, i, n, x));
-    return volume;
+    int ends[3] = {0, 0, 0};
+    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
+    return nodes[ends[0]] < nodes[ends[1]];
 }
 
-/* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
-static void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                   sb_vec3 origin, double *area, double *flux)
+SBI_API int sbi_mesh_count_runs(const sbi_mesh_keys *keys)
 {
-    const int *nodes = sbi_mesh_element(mesh, element);
-    int n = sb_mesh_element_width(mesh);
-    sb_vec3 x[SBI_MESH_NODES], offset = sb_v3_sub(mesh->nodes[nodes[0]], origin);
-    *area = *flux = 0;
-    for (int a = 0; a < n; a++)
-        x[a] = sb_v3_sub(mesh->nodes[nodes[a]], mesh->nodes[nodes[0]]);
-    for (int i = 0; i < table->count; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, n, x);
-        sb_vec3 normal = sb_v3_cross(sb_m3_column(jacobian, 0), sb_m3_column(jacobian, 1)), point = offset;
-        for (int a = 0; a < n; a++)
-            point = sb_v3_madd(point, table->shape[i][a], x[a]);
-        *area += (double)(table->weight[i] * sb_v3_norm(normal));
-        *flux += (double)(table->weight[i] * sb_v3_dot(point, normal)) / 3;
+    int runs = 0;
+    for (int begin = 0; begin < keys->sorted; begin = sbi_mesh_run_end(keys, begin))
+        runs++;
+    return runs;
+}
+
+/* ==== src/softbody/mesh/mesh_check.c ==== */
+/* mesh_check: validation, which names bad elements, and the report of everything suspicious. */
+
+#include <stdio.h>
+
+#define SBI_MESH_LISTED 8 /* elements that an error message names */
+
+/* ---- validation ---- */
+
+/* The elements with one kind of defect: how many, and the first few. */
+typedef struct sbi_mesh_offenders {
+    int count;
+    int first[SBI_MESH_LISTED];
+} sbi_mesh_offenders;
+
+static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
+{
+    switch (defect) {
+    case SB_MESH_INDEX_RANGE: return "with a node index out of range";
+    case SB_MESH_NODE_NOT_FINITE: return "with a node that is not finite";
+    case SB_MESH_REPEATED_NODE: return "with a node used twice";
+    case SB_MESH_INVERTED: return "inverted (negative volume)";
+    case SB_MESH_FLAT: return "flat (zero volume)";
+    case SB_MESH_BAD_MIDSIDE: return "folded by a misplaced mid-edge node";
+    case SB_MESH_DUPLICATE: return "with the corners of an element before it";
+    case SB_MESH_SOUND:
+    case SB_MESH_DEFECT_COUNT: break;
     }
+    return "sound";
 }
 
-static int sbi_mesh_has_element(const sb_mesh *mesh, int element)
+/* "3 elements inverted (negative volume): 3, 17, 40" */
+static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
+                                        sb_mesh_defect defect, sb_error *error)
 {
-    return mesh && mesh->nodes && mesh->elements && element >= 0 && element < mesh->element_count &&
-           sb_mesh_element_width(mesh) > 0;
+    char list[16 * SBI_MESH_LISTED], index_text[64];
+    size_t used = 0;
+    int listed = offenders->count < SBI_MESH_LISTED ? offenders->count : SBI_MESH_LISTED, index = 0;
+    list[0] = index_text[0] = 0;
+    for (int i = 0; i < listed; i++)
+        used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
+    if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
+        snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
+    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
+                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
+                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
+                            offenders->count > listed ? ", ..." : "");
 }
 
-SB_API sb_real sb_mesh_element_volume(const sb_mesh *mesh, int element)
+SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 {
+    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
+                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
+    sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
     sbi_mesh_table table;
-    if (!sbi_mesh_has_element(mesh, element) || sb_element_dimension(mesh->element_type) != 3)
-        return 0;
-    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
-    return sbi_mesh_volume_of(mesh, &table, element);
-}
-
-/* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
- * leave out. */
-static void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume)
-{
-    sbi_mesh_table table;
-    sb_vec3 origin = sb_v3(0, 0, 0);
-    int has_origin = 0;
-    *area = *volume = 0;
-    sbi_mesh_table_for_volume(&table, sbi_mesh_element_kind(mesh));
-    for (int e = 0; e < mesh->element_count; e++) {
-        double element_area = 0, element_volume = 0;
-        if (bad && bad[e])
-            continue;
-        if (!has_origin)
-            origin = mesh->nodes[sbi_mesh_element(mesh, e)[0]], has_origin = 1;
-        if (sb_element_dimension(mesh->element_type) == 3)
-            element_volume = (double)sbi_mesh_volume_of(mesh, &table, e);
-        else
-            sbi_mesh_area_and_flux(mesh, &table, e, origin, &element_area, &element_volume);
-        *area += element_area;
-        *volume += element_volume;
-    }
-}
-
-SB_API sb_real sb_mesh_volume(const sb_mesh *mesh)
-{
-    double area = 0, volume = 0;
-    if (sbi_mesh_has_element(mesh, 0))
-        sbi_mesh_measure(mesh, NULL, &area, &volume);
-    return (sb_real)volume;
-}
-
-SB_API sb_real sb_mesh_surface_area(const sb_mesh *mesh)
-{
-    double area = 0, volume = 0;
-    if (sbi_mesh_has_element(mesh, 0) && sb_element_dimension(mesh->element_type) == 2)
-        sbi_mesh_measure(mesh, NULL, &area, &volume);
-    return (sb_real)area;
-}
-
-SB_API void sb_mesh_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high)
-{
-    if (!low || !high)
-        return;
-    *low = *high = sb_v3(0, 0, 0);
-    if (mesh && mesh->nodes)
-        sbi_mesh_finite_bounds(mesh, low, high);
-}
-
-static sb_real sbi_mesh_edge_squares(sb_element_type type, const sb_vec3 *x)
-{
-    sb_real sum = 0;
-    int ends[3];
-    for (int i = 0; i < sb_element_edge_count(type); i++) {
-        sb_vec3 edge;
-        sb_element_edge(type, i, ends);
-        edge = sb_v3_sub(x[ends[1]], x[ends[0]]);
-        sum += sb_v3_dot(edge, edge);
-    }
-    return sum;
-}
-
-/* 12 (3V)^(2/3) / sum of squared edges, with the sign of V. */
-static sb_real sbi_mesh_tet_quality(const sb_vec3 *x)
-{
-    sb_real det = sbi_mesh_corner_det(x), root;
-    if (det == 0)
-        return 0;
-    root = sb_cbrt(sb_abs(det) / 2); /* 3V = det / 2 */
-    return (det < 0 ? -12 : 12) * root * root / sbi_mesh_edge_squares(SB_TET4, x);
-}
-
-/* Smallest triple product of the columns dx/dxi at `count` points of the table, scaled to length 1; the third column of
- * a quad is its mean normal. */
-static sb_real sbi_mesh_scaled_jacobian(const sbi_mesh_table *table, int count, int nodes, int is_quad,
-                                        const sb_vec3 *x)
-{
-    sb_vec3 mean = is_quad ? sb_v3_cross(sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[1])) : sb_v3(0, 0, 0);
-    sb_real worst = 1;
-    for (int i = 0; i < count; i++) {
-        sb_mat3 jacobian = sbi_mesh_jacobian(table, i, nodes, x);
-        sb_vec3 a = sb_m3_column(jacobian, 0), b = sb_m3_column(jacobian, 1),
-                c = is_quad ? mean : sb_m3_column(jacobian, 2);
-        sb_real lengths = sb_v3_norm(a) * sb_v3_norm(b) * sb_v3_norm(c);
-        sb_real quality = lengths > 0 ? sb_v3_dot(c, sb_v3_cross(a, b)) / lengths : (sb_real)0;
-        worst = sb_min(worst, quality);
-    }
-    return worst;
-}
-
-static sb_real sbi_mesh_triangle_quality(const sb_vec3 *x)
-{
-    sb_real doubled = sb_v3_norm(sb_v3_cross(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0])));
-    return (sb_real)3.46410161513775458705 * doubled / sbi_mesh_edge_squares(SB_TRI3, x);
-}
-
-/* Smallest over largest Jacobian: 1 for straight edges. */
-static sb_real sbi_mesh_jacobian_ratio(const sbi_mesh_table *table, const sb_vec3 *x)
-{
-    sb_real low = SB_REAL_MAX, high = 0;
-    for (int i = 0; i < table->count; i++) {
-        sb_real det = sb_m3_det(sbi_mesh_jacobian(table, i, 10, x));
-        low = sb_min(low, det);
-        high = sb_max(high, det);
-    }
-    return high > 0 ? low / high : (sb_real)0;
-}
-
-/* table: sbi_mesh_table_for_checks, whose first points are the nodes (custom: the integration points). */
-static sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *table, int element)
-{
-    sb_real quality;
-    sbi_mesh_local local;
-    sbi_mesh_local_make(mesh, element, &local);
-    if (!(local.size > 0))
-        return 0;
-    switch (mesh->element_type) {
-    case SB_TET4: return sbi_mesh_tet_quality(local.x);
-    case SB_TET10:
-        quality = sbi_mesh_tet_quality(local.x);
-        return quality > 0 ? quality * sbi_mesh_jacobian_ratio(table, local.x) : quality;
-    case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
-    case SB_HEX20:
-    case SB_HEX27:
-    case SB_CUSTOM:
-        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
-    case SB_QUAD4:
-    case SB_QUAD8:
-    case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
-    case SB_TRI3:
-    case SB_TRI6: return sbi_mesh_triangle_quality(local.x);
-    case SB_NO_ELEMENT: break;
-    }
-    return 0;
-}
-
-SB_API sb_real sb_mesh_element_quality(const sb_mesh *mesh, int element)
-{
-    sbi_mesh_table table;
-    if (!sbi_mesh_has_element(mesh, element))
-        return 0;
+    sb_result result = sbi_mesh_check_shape(mesh, error);
+    if (result == SB_OK)
+        result = sbi_mesh_check_nodes(mesh, error);
+    if (result != SB_OK)
+        return result;
+    memset(found, 0, sizeof found);
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
-    return sbi_mesh_quality_of(mesh, &table, element);
-}
-
-SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest)
-{
-    sb_vec3 a = sb_v3_sub(corners[1], corners[0]), b = sb_v3_sub(corners[2], corners[0]);
-    sb_vec3 c = sb_v3_sub(corners[3], corners[0]), normals[4];
-    sb_real size[4];
-    normals[1] = sb_v3_cross(b, c);
-    normals[2] = sb_v3_cross(c, a);
-    normals[3] = sb_v3_cross(a, b);
-    normals[0] = sb_v3_scale(-1, sb_v3_add(normals[1], sb_v3_add(normals[2], normals[3])));
-    *of_smallest = -1;
-    *of_largest = 1;
-    for (int i = 0; i < 4; i++)
-        size[i] = sb_v3_norm(normals[i]);
-    for (int i = 0; i < 4; i++)
-        for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
-            *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
-            *of_largest = cosine >= *of_largest ? *of_largest : cosine;
-        }
-}
-
-SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_real *largest)
-{
-    const sb_real degrees = (sb_real)57.295779513082321;
-    sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && mesh->nodes && mesh->elements &&
-                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
-    for (int e = 0; is_tet && e < mesh->element_count; e++) {
-        const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
-        sb_vec3 corners[4];
-        sb_real of_smallest, of_largest;
-        for (int a = 0; a < 4; a++)
-            corners[a] = mesh->nodes[nodes[a]];
-        sbi_mesh_tet_cosines(corners, &of_smallest, &of_largest);
-        sharp = of_smallest <= sharp ? sharp : of_smallest;
-        blunt = of_largest >= blunt ? blunt : of_largest;
+    for (int e = 0; e < mesh->element_count; e++) {
+        sb_mesh_defect defect = sbi_mesh_element_defect(mesh, &table, e);
+        if (found[defect].count < SBI_MESH_LISTED)
+            found[defect].first[found[defect].count] = e;
+        found[defect].count++;
     }
-    if (smallest)
-        *smallest = is_tet ? degrees * sb_acos(sb_min(sharp, 1)) : 0;
-    if (largest)
-        *largest = is_tet ? degrees * sb_acos(sb_max(blunt, -1)) : 0;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        found[SB_MESH_FLAT].count = 0; /* a sliver triangle harms no target or visual surface */
+    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++)
+        if (found[order[i]].count)
+            return sbi_mesh_fail_elements(mesh, &found[order[i]], order[i], error);
+    return SB_OK;
 }
 
 /* ---- the report ---- */
@@ -8790,15 +9055,6 @@ static int sbi_mesh_check_nodes_of_report(const sb_mesh *mesh, const sb_allocato
     }
     report->duplicate_nodes = sbi_mesh_find_duplicates(mesh, -1, allocator, scratch->per_node);
     return report->duplicate_nodes >= 0;
-}
-
-/* 1 when the element runs through its edge `side` from the smaller node to the larger. */
-static int sbi_mesh_edge_ascends(const sb_mesh *mesh, int element, int side)
-{
-    const int *nodes = sbi_mesh_element(mesh, element);
-    int ends[3] = {0, 0, 0};
-    sb_element_edge(mesh->element_type, side, ends); /* of a surface: never custom */
-    return nodes[ends[0]] < nodes[ends[1]];
 }
 
 static void sbi_mesh_check_sides(const sb_mesh *mesh, const sbi_mesh_keys *sides, sb_mesh_report *report)
@@ -8926,14 +9182,10 @@ SB_API sb_result sb_mesh_check(const sb_mesh *mesh, const sb_allocator *allocato
     return result;
 }
 
-/* ---- repairs: orientation ---- */
+/* ==== src/softbody/mesh/mesh_repair.c ==== */
+/* mesh_repair: elements turned the right way, nodes merged, nodes and elements removed, coordinates scaled. */
 
-static void sbi_mesh_swap(int *nodes, int a, int b)
-{
-    int keep = nodes[a];
-    nodes[a] = nodes[b];
-    nodes[b] = keep;
-}
+/* ---- repairs: orientation ---- */
 
 /* Mirrors an element's numbering; mid-edge nodes stay on their edges. */
 static void sbi_mesh_mirror(sb_element_type type, int *nodes)
@@ -8970,11 +9222,6 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
     case SB_CUSTOM: /* its numbering is nobody's business */
     case SB_NO_ELEMENT: break;
     }
-}
-
-static int *sbi_mesh_element_to_edit(sb_mesh *mesh, int element)
-{
-    return mesh->elements + (size_t)element * (size_t)sb_mesh_element_width(mesh);
 }
 
 /* Sign of the straight-sided volume without over- or underflow; table: that of its straight element. */
@@ -9126,27 +9373,6 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
 
 /* ---- repairs: removing nodes and elements ---- */
 
-/* Keeps the nodes with keep[v] == v in their order and points every index i at node keep[i]; keep is
- * overwritten. keep[v] <= v. Returns the number of nodes removed. */
-static int sbi_mesh_compact_nodes(sb_mesh *mesh, int *keep)
-{
-    size_t indices = (size_t)mesh->element_count * (size_t)sb_mesh_element_width(mesh);
-    int kept = 0, removed;
-    for (int v = 0; v < mesh->node_count; v++) {
-        if (keep[v] == v) {
-            mesh->nodes[kept] = mesh->nodes[v];
-            keep[v] = kept++;
-        } else if (keep[v] >= 0) {
-            keep[v] = keep[keep[v]]; /* its representative comes before it and has its new number */
-        }
-    }
-    for (size_t i = 0; i < indices; i++)
-        mesh->elements[i] = keep[mesh->elements[i]];
-    removed = mesh->node_count - kept;
-    mesh->node_count = kept;
-    return removed;
-}
-
 SB_API sb_result sb_mesh_merge_nodes(sb_mesh *mesh, sb_real tolerance, int *merged, sb_error *error)
 {
     int *keep, count;
@@ -9250,6 +9476,9 @@ SB_API sb_result sb_mesh_scale(sb_mesh *mesh, sb_real factor, sb_error *error)
     return SB_OK;
 }
 
+/* ==== src/softbody/mesh/mesh_topology.c ==== */
+/* mesh_topology: boundary, neighbours, edges, elements of a node, connected parts. */
+
 /* ---- topology ---- */
 
 SB_API void sb_index_table_free(sb_index_table *table)
@@ -9290,13 +9519,6 @@ static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns,
     table->columns = columns;
     table->items = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int) * (size_t)columns);
     return table->items != NULL;
-}
-
-static sb_result sbi_mesh_check_output(const sb_mesh *mesh, const void *output, sb_error *error)
-{
-    if (!output)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the output is NULL");
-    return sbi_mesh_check_arrays(mesh, error);
 }
 
 SBI_API int sbi_mesh_face_triangles(sb_element_type type, const signed char (**triangles)[3])
@@ -9471,14 +9693,6 @@ SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *all
     return result;
 }
 
-static int sbi_mesh_count_runs(const sbi_mesh_keys *keys)
-{
-    int runs = 0;
-    for (int begin = 0; begin < keys->sorted; begin = sbi_mesh_run_end(keys, begin))
-        runs++;
-    return runs;
-}
-
 SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *edges,
                                sb_error *error)
 {
@@ -9526,8 +9740,7 @@ static void sbi_mesh_fill_int(int *values, int count, int value)
         values[i] = value;
 }
 
-/* Node to element lists; 0 when memory is short or the entries do not fit an int. */
-static int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists)
+SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists)
 {
     int count = mesh->node_count, *last;
     memset(lists, 0, sizeof *lists);
@@ -9590,6 +9803,9 @@ SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *all
     sbi_free(allocator, scratch);
     return result;
 }
+
+/* ==== src/softbody/mesh/mesh_raise.c ==== */
+/* mesh_raise: quadratic meshes from linear ones: tet4 to tet10, hex8 to hex20 and hex27. */
 
 /* ---- tet4 to tet10, hex8 to hex20 and hex27 ---- */
 
@@ -9728,6 +9944,9 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
+
+/* ==== src/softbody/mesh/mesh_order.c ==== */
+/* mesh_order: nodes and elements renumbered for small bandwidth and good cache use. */
 
 /* ---- reverse Cuthill-McKee ----
  * George & Liu: number nodes breadth first from a node at an end of the graph, neighbours by ascending
@@ -10623,9 +10842,36 @@ typedef struct sbi_diagonal_node {
     int low, high, node;
 } sbi_diagonal_node;
 
+/* A label image being read. */
+typedef struct sbi_voxels {
+    int points[3]; /* of the file along each axis; 0: not read yet */
+    int counts[3]; /* voxels */
+    double origin[3], spacing[3];
+    double direction[3][3]; /* [axis] its vector */
+    int *labels;            /* NULL: none read yet */
+} sbi_voxels;
+
+typedef enum sbi_voxel_encoding {
+    SBI_VOXELS_RAW = 0,
+    SBI_VOXELS_TEXT = 1,
+    SBI_VOXELS_ZLIB = 2,
+    SBI_VOXELS_GZIP = 3
+} sbi_voxel_encoding;
+
+/* How a header describes the voxels. */
+typedef struct sbi_voxel_data {
+    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    int size;    /* bytes of a value */
+    int big_endian;
+    sbi_voxel_encoding encoding;
+    int has_file;
+    sbi_word file; /* where the voxels are, when has_file; beside the header */
+} sbi_voxel_data;
+
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
     sbi_reader reader;
+    sbi_voxels *voxels; /* an image is wanted and this is where it goes; NULL: a mesh is */
     sb_allocator allocator;
     double scale;
     sb_vec3 *nodes;
@@ -10736,8 +10982,27 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
  * NULL, or what is wrong with the stream; "" for want of memory. */
 SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
                                 unsigned char **out, size_t *out_size, size_t *out_capacity);
+/* The same for a gzip file (RFC 1952) of one member. */
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity);
+
+/* ---- label images (image) ------------------------------------------------------------------------------ */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels);
+/* Numbers that `voxels` takes: all in a row and finite; spacing above 0. */
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values);
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3]);
+/* Voxels of an image whose values stand at its points, or in its cells; 0 when there are more than an int counts. */
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells);
+/* Takes memory for the labels, of which the caller knows that the file can hold them. */
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells);
+/* The value of a voxel: a whole number that an int holds. */
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
+
+/* Copies the options or their defaults; refuses those out of range. */
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error);
 
 /* The content of a file. */
 typedef struct sbi_file {
@@ -10779,6 +11044,9 @@ SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
 SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
 SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* These two read the header of a label image; the voxels follow in the file, or are all of the one named. */
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data);
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data);
 /* 1 when the content begins as a binary Medit file does. */
 SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of
@@ -10790,13 +11058,11 @@ SBI_API int sbi_stl_is_binary(const char *data, size_t size);
 
 #endif /* SB_MESHIO_READER_H */
 
-/* ==== src/softbody/mesh/meshio_reader.c ==== */
-/* meshio_reader: exact number parsing, the bounded reader and the loader that all mesh formats share. */
+/* ==== src/softbody/mesh/meshio_number.c ==== */
+/* meshio_number: words compared, integers and reals from text, exact to the last bit whatever the C library. */
 
 #include <float.h>
 #include <limits.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 
 /* ==== numbers ====================================================================================== */
@@ -11054,6 +11320,17 @@ static int sbi_decimal_digits(sbi_decimal *decimal, const char *text, const char
     return any;
 }
 
+static char sbi_reader_lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c; }
+
+SBI_API int sbi_word_is(sbi_word word, const char *text)
+{
+    size_t i;
+    for (i = 0; i < word.length && text[i]; i++)
+        if (sbi_reader_lower(word.text[i]) != sbi_reader_lower(text[i]))
+            return 0;
+    return i == word.length && !text[i];
+}
+
 static int sbi_word_is_not_finite(const char *text, size_t length)
 {
     /* The Microsoft spellings are 1.#INF, 1.#QNAN, -1.#IND. */
@@ -11096,6 +11373,14 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
     *value = decimal.negative ? -magnitude : magnitude;
     return 1;
 }
+
+/* ==== src/softbody/mesh/meshio_reader.c ==== */
+/* meshio_reader: the bounded reader that all mesh formats share, and a stable sort. */
+
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
 
 /* ==== reader ======================================================================================= */
 
@@ -11233,17 +11518,6 @@ SBI_API int sbi_reader_peek(const sbi_reader *reader, sbi_word *word)
 {
     sbi_reader copy = *reader;
     return sbi_reader_word(&copy, word);
-}
-
-static char sbi_reader_lower(char c) { return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c; }
-
-SBI_API int sbi_word_is(sbi_word word, const char *text)
-{
-    size_t i;
-    for (i = 0; i < word.length && text[i]; i++)
-        if (sbi_reader_lower(word.text[i]) != sbi_reader_lower(text[i]))
-            return 0;
-    return i == word.length && !text[i];
 }
 
 SBI_API int sbi_word_equals(sbi_word word, const char *text)
@@ -11397,6 +11671,12 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
     if (from != order)
         memcpy(order, from, (size_t)count * sizeof order[0]);
 }
+
+/* ==== src/softbody/mesh/meshio_loader.c ==== */
+/* meshio_loader: kinds of cells and the loader that collects the nodes, cells and names of a file. */
+
+#include <limits.h>
+#include <string.h>
 
 /* ==== cells ======================================================================================== */
 
@@ -11911,8 +12191,6 @@ SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int c
     return SB_OK;
 }
 
-/* ---- from cells to one element type ---- */
-
 SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
                                        const char *first, const char *second)
 {
@@ -11923,156 +12201,6 @@ SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const
     place.element = loader->kind_first[kind];
     snprintf(message, sizeof message, "%s%s%s", first, format, second);
     return sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED, "%s", message);
-}
-
-/* The highest dimension in the file; counts the cells below it. */
-static int sbi_loader_find_dimension(sbi_loader *loader)
-{
-    int dimension = 0;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
-        if (loader->kind_count[kind] && sbi_cell_kind_at(kind)->dimension > dimension)
-            dimension = sbi_cell_kind_at(kind)->dimension;
-    loader->skipped_cells = 0;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
-        if (sbi_cell_kind_at(kind)->dimension < dimension)
-            loader->skipped_cells += loader->kind_count[kind];
-    return dimension;
-}
-
-static int sbi_loader_is_flat_pair(sb_element_type a, sb_element_type b)
-{
-    return (a == SB_TRI3 && b == SB_QUAD4) || (a == SB_QUAD4 && b == SB_TRI3);
-}
-
-/* The one element type of the cells of the dimension; tri3 where triangles are mixed with quadrilaterals. */
-static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, sb_element_type *type)
-{
-    int first = -1;
-    for (int kind = 0; kind < SBI_CELL_KINDS; kind++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(kind);
-        if (!loader->kind_count[kind] || about->dimension != dimension)
-            continue;
-        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
-            return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
-        if (first < 0) {
-            first = kind;
-            *type = about->type;
-        } else if (sbi_loader_is_flat_pair(*type, about->type)) {
-            *type = SB_TRI3;
-        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
-            return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
-        }
-    }
-    return SB_OK;
-}
-
-/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
-SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
-{
-    static const int tets[5] = {0, 1, 2, 3, 6};
-    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
-    if (about->type == type)
-        return 1;
-    return about->dimension == 3 ? tets[about->shape] : 2;
-}
-
-SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
-{
-    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
-}
-
-/* Number of elements the cells make. */
-static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
-{
-    int64_t count = 0;
-    for (size_t i = 0; i < loader->cell_count; i++)
-        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
-            count += sbi_cell_elements(&loader->cells[i], type);
-    return count;
-}
-
-/* Regions of all elements. */
-static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
-{
-    int element = 0;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell *cell = &loader->cells[i];
-        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
-            continue;
-        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
-            mesh->regions[element++] = sbi_cell_region(loader, cell);
-    }
-}
-
-/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
-static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
-{
-    int nodes = sb_element_node_count(mesh->element_type);
-    const int *from = loader->indices;
-    int *to = mesh->elements;
-    for (size_t i = 0; i < loader->cell_count; i++) {
-        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
-        int parts = about->type == mesh->element_type ? 1 : 2;
-        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
-            for (int a = 0; a < nodes; a++)
-                to[a] = from[a == 0 ? 0 : a + part];
-        if (parts == 2 && about->dimension == dimension)
-            loader->split_polygons++;
-        from += about->nodes;
-    }
-}
-
-static int sbi_loader_any_region(const int *regions, int count)
-{
-    for (int i = 0; i < count; i++)
-        if (regions[i])
-            return 1;
-    return 0;
-}
-
-SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
-{
-    int dimension = sbi_loader_find_dimension(loader), nodes;
-    int split = dimension == 3;
-    sb_element_type type = SB_NO_ELEMENT;
-    int64_t count;
-    sb_result result = SB_OK;
-    loader->reader.element = loader->reader.node = -1;
-    if (dimension < 2)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
-                               "the file has no faces and no volume elements");
-    split = split && sbi_split_wanted(loader, &type);
-    if (!split)
-        result = sbi_loader_find_type(loader, dimension, &type);
-    if (result)
-        return result;
-    count = sbi_loader_count_elements(loader, dimension, type);
-    if (count > INT_MAX)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 elements");
-    nodes = sb_element_node_count(type);
-    mesh->allocator = loader->allocator;
-    mesh->element_type = type;
-    mesh->element_count = (int)count;
-    mesh->elements = (int *)sbi_alloc(&loader->allocator, (size_t)count, (size_t)nodes * sizeof(int));
-    mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
-    if (!mesh->elements || !mesh->regions)
-        return sbi_loader_no_memory(loader);
-    if (split)
-        result = sbi_split_cells(loader, mesh);
-    else
-        sbi_loader_copy_cells(loader, dimension, mesh);
-    if (result)
-        return result;
-    sbi_loader_copy_regions(loader, dimension, mesh);
-    if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
-        sbi_free(&loader->allocator, mesh->regions);
-        mesh->regions = NULL;
-    }
-    mesh->node_count = (int)loader->node_count;
-    mesh->nodes = loader->nodes;
-    loader->nodes = NULL;
-    loader->node_count = loader->node_capacity = 0;
-    return SB_OK;
 }
 
 /* ==== src/softbody/mesh/meshio.c ==== */
@@ -12098,9 +12226,7 @@ SB_API sb_load_options sb_default_load_options(void)
     return options;
 }
 
-/* Copies the options or their defaults; refuses those out of range. */
-static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_options *resolved,
-                                    sb_error *error)
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error)
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
@@ -12492,7 +12618,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 {
     sb_load_options resolved;
     sbi_loader loader;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || (!data && size))
@@ -12565,7 +12691,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     sb_file_format format = SB_FILE_AUTO;
     sbi_loader loader;
     sbi_file content;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || !path)
@@ -12992,6 +13118,7 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
  * of node indices; before, each cell's indices follow their count. */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* A type of values, as spelled in the file. */
@@ -13005,6 +13132,7 @@ typedef struct sbi_vtk {
     sbi_loader *loader;
     sbi_reader *reader;
     int binary, polydata;
+    int image; /* STRUCTURED_POINTS, and the loader wants an image */
     int has_points, has_cells, has_types;
     int cell_count; /* cells of the list read last, which lie in: */
     int *ends;      /* [cell_count] where the nodes of each cell end */
@@ -13412,6 +13540,30 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
+ * the file has shares of it. */
+static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
+                                     int64_t tuples, double factor)
+{
+    sbi_loader *loader = vtk->loader;
+    int usable = vtk->data_count >= 0 && type->class_ != 'b' && type->class_ != 's' && components == 1;
+    int count = 0;
+    sb_result result;
+    if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
+        return sbi_vtk_skip_values(vtk, type, components * tuples);
+    sbi_vtk_start_data(vtk);
+    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtk->in_cell_data);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtk_real(vtk, type, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, vtk->reader, i, factor > 1 ? floor(factor * value + 0.5) : value);
+    }
+    return result;
+}
+
 /* The values of an array, after its keyword line up to the type: regions are kept, others skipped. */
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
@@ -13421,6 +13573,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
+    if (vtk->image)
+        return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
     if (of_cells && sbi_word_is(name, "region") && !is_number)
@@ -13511,9 +13665,11 @@ static sb_result sbi_vtk_colours(sbi_vtk *vtk, sbi_word name, int is_table)
     static const sbi_vtk_type bytes = {"unsigned_char", 'u', 1};
     int64_t count = 0;
     sb_result result = sbi_reader_integer(vtk->reader, "the number of colours", &count);
-    name.length = 0; /* colours are no regions, whatever their name */
     if (result)
         return result;
+    if (vtk->image && !is_table && count == 1) /* how VTK writes unsigned char: labels from 0 to 255 */
+        return sbi_vtk_image_array(vtk, name, &bytes, 1, vtk->data_count, vtk->binary ? 1 : 255);
+    name.length = 0; /* colours are no regions, whatever their name */
     return sbi_vtk_array(vtk, name, &bytes, is_table ? 4 : count, is_table ? count : vtk->data_count);
 }
 
@@ -13558,7 +13714,13 @@ static sb_result sbi_vtk_attribute(sbi_vtk *vtk, sbi_word keyword, int *known)
 static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
 {
     int64_t count = 0, expected = of_cells ? vtk->loader->source_count : (int64_t)vtk->loader->node_count;
-    sb_result result = sbi_reader_integer(vtk->reader, "the number of values", &count);
+    sb_result result;
+    if (vtk->image) {
+        expected = sbi_voxels_count(vtk->loader->voxels, of_cells);
+        if (expected == 0)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data before DIMENSIONS");
+    }
+    result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
                                (long long)count, of_cells ? "cells" : "points", (long long)expected);
@@ -13567,13 +13729,52 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     return result;
 }
 
+/* ---- images ---- */
+
+static sb_result sbi_vtk_dimensions(sbi_vtk *vtk)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    int points[3] = {0, 0, 0};
+    sb_result result = SB_OK;
+    if (voxels->points[0])
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a second DIMENSIONS");
+    for (int k = 0; k < 3 && !result; k++) {
+        result = sbi_reader_count(vtk->reader, "a dimension", 0, &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a dimension is 0");
+    }
+    if (result)
+        return result;
+    memcpy(voxels->points, points, sizeof points);
+    if (sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return SB_OK;
+}
+
+/* The sections of STRUCTURED_POINTS that other data sets do not have; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_image_section(sbi_vtk *vtk, sbi_word keyword, int *known)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    sb_result result;
+    *known = 1;
+    if (sbi_word_is(keyword, "DIMENSIONS"))
+        return sbi_vtk_dimensions(vtk);
+    if (sbi_word_is(keyword, "ORIGIN"))
+        return sbi_voxels_read_reals(vtk->reader, "origin", 3, voxels->origin);
+    if (sbi_word_is(keyword, "SPACING") || sbi_word_is(keyword, "ASPECT_RATIO")) {
+        result = sbi_voxels_read_reals(vtk->reader, "spacing", 3, voxels->spacing);
+        return result ? result : sbi_voxels_check_spacing(vtk->reader, voxels->spacing);
+    }
+    *known = 0;
+    return SB_OK;
+}
+
 /* ---- file ---- */
 
-static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+/* The sections of meshes; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_mesh_section(sbi_vtk *vtk, sbi_word keyword, int *known)
 {
-    char text[32];
-    int known = 0;
-    sb_result result;
+    *known = 1;
     if (sbi_word_is(keyword, "POINTS"))
         return sbi_vtk_points(vtk);
     if (sbi_word_is(keyword, "CELLS"))
@@ -13588,6 +13789,18 @@ static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
         return sbi_vtk_poly_cells(vtk, 3, 7);
     if (sbi_word_is(keyword, "TRIANGLE_STRIPS"))
         return sbi_vtk_poly_cells(vtk, 4, 6);
+    *known = 0;
+    return SB_OK;
+}
+
+static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+{
+    char text[32];
+    int known = 0;
+    sb_result result =
+        vtk->image ? sbi_vtk_image_section(vtk, keyword, &known) : sbi_vtk_mesh_section(vtk, keyword, &known);
+    if (known)
+        return result;
     if (sbi_word_is(keyword, "CELL_DATA"))
         return sbi_vtk_data(vtk, 1);
     if (sbi_word_is(keyword, "POINT_DATA"))
@@ -13642,7 +13855,15 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
         !sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "DATASET is missing");
     vtk->polydata = sbi_word_is(word, "POLYDATA");
-    if (!vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
+    vtk->image = sbi_word_is(word, "STRUCTURED_POINTS");
+    if (vtk->image && !vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
+                               "data set STRUCTURED_POINTS is an image, not a mesh: sb_image_load reads it, "
+                               "sb_image_surface makes a surface of its labels");
+    if (!vtk->image && vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
@@ -13652,6 +13873,8 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
 {
+    if (vtk->image)
+        return SB_OK; /* that there are labels is asked of all formats */
     if (!vtk->has_points)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends without POINTS");
     if (!vtk->has_cells)
@@ -14124,6 +14347,166 @@ SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
         result = sbi_split_place_diagonals(&split);
     sbi_free(&loader->allocator, split.diagonals);
     return result;
+}
+
+/* ==== src/softbody/mesh/meshio_build.c ==== */
+/* meshio_build: from the cells of a file to a mesh of one element type. */
+
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+/* ---- from cells to one element type ---- */
+
+/* The highest dimension in the file; counts the cells below it. */
+static int sbi_loader_find_dimension(sbi_loader *loader)
+{
+    int dimension = 0;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
+        if (loader->kind_count[kind] && sbi_cell_kind_at(kind)->dimension > dimension)
+            dimension = sbi_cell_kind_at(kind)->dimension;
+    loader->skipped_cells = 0;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++)
+        if (sbi_cell_kind_at(kind)->dimension < dimension)
+            loader->skipped_cells += loader->kind_count[kind];
+    return dimension;
+}
+
+static int sbi_loader_is_flat_pair(sb_element_type a, sb_element_type b)
+{
+    return (a == SB_TRI3 && b == SB_QUAD4) || (a == SB_QUAD4 && b == SB_TRI3);
+}
+
+/* The one element type of the cells of the dimension; tri3 where triangles are mixed with quadrilaterals. */
+static sb_result sbi_loader_find_type(const sbi_loader *loader, int dimension, sb_element_type *type)
+{
+    int first = -1;
+    for (int kind = 0; kind < SBI_CELL_KINDS; kind++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(kind);
+        if (!loader->kind_count[kind] || about->dimension != dimension)
+            continue;
+        if (about->type == SB_NO_ELEMENT && about->shape == SBI_SHAPE_NONE)
+            return sbi_loader_fail_kind(loader, kind, " elements are not supported", about->name, "");
+        if (first < 0) {
+            first = kind;
+            *type = about->type;
+        } else if (sbi_loader_is_flat_pair(*type, about->type)) {
+            *type = SB_TRI3;
+        } else if (*type != about->type || *type == SB_NO_ELEMENT) {
+            return sbi_loader_fail_kind(loader, kind, " and ", sbi_cell_kind_at(first)->name, about->name);
+        }
+    }
+    return SB_OK;
+}
+
+/* Quadrilaterals among triangles are two; volume cells that are cut are 1, 2, 3 or 6 tets. */
+SBI_API int sbi_cell_elements(const sbi_cell *cell, sb_element_type type)
+{
+    static const int tets[5] = {0, 1, 2, 3, 6};
+    const sbi_cell_kind *about = sbi_cell_kind_at(cell->kind);
+    if (about->type == type)
+        return 1;
+    return about->dimension == 3 ? tets[about->shape] : 2;
+}
+
+SBI_API int sbi_cell_region(const sbi_loader *loader, const sbi_cell *cell)
+{
+    return loader->source_regions ? loader->source_regions[cell->source] : cell->region;
+}
+
+/* Number of elements the cells make. */
+static int64_t sbi_loader_count_elements(const sbi_loader *loader, int dimension, sb_element_type type)
+{
+    int64_t count = 0;
+    for (size_t i = 0; i < loader->cell_count; i++)
+        if (sbi_cell_kind_at(loader->cells[i].kind)->dimension == dimension)
+            count += sbi_cell_elements(&loader->cells[i], type);
+    return count;
+}
+
+/* Regions of all elements. */
+static void sbi_loader_copy_regions(const sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int element = 0;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell *cell = &loader->cells[i];
+        if (sbi_cell_kind_at(cell->kind)->dimension != dimension)
+            continue;
+        for (int part = sbi_cell_elements(cell, mesh->element_type); part > 0; part--)
+            mesh->regions[element++] = sbi_cell_region(loader, cell);
+    }
+}
+
+/* Copies the cells of the dimension; a quadrilateral among triangles becomes 0 1 2 and 0 2 3. */
+static void sbi_loader_copy_cells(sbi_loader *loader, int dimension, sb_mesh *mesh)
+{
+    int nodes = sb_element_node_count(mesh->element_type);
+    const int *from = loader->indices;
+    int *to = mesh->elements;
+    for (size_t i = 0; i < loader->cell_count; i++) {
+        const sbi_cell_kind *about = sbi_cell_kind_at(loader->cells[i].kind);
+        int parts = about->type == mesh->element_type ? 1 : 2;
+        for (int part = 0; part < parts && about->dimension == dimension; part++, to += nodes)
+            for (int a = 0; a < nodes; a++)
+                to[a] = from[a == 0 ? 0 : a + part];
+        if (parts == 2 && about->dimension == dimension)
+            loader->split_polygons++;
+        from += about->nodes;
+    }
+}
+
+static int sbi_loader_any_region(const int *regions, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (regions[i])
+            return 1;
+    return 0;
+}
+
+SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
+{
+    int dimension = sbi_loader_find_dimension(loader), nodes;
+    int split = dimension == 3;
+    sb_element_type type = SB_NO_ELEMENT;
+    int64_t count;
+    sb_result result = SB_OK;
+    loader->reader.element = loader->reader.node = -1;
+    if (dimension < 2)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
+                               "the file has no faces and no volume elements");
+    split = split && sbi_split_wanted(loader, &type);
+    if (!split)
+        result = sbi_loader_find_type(loader, dimension, &type);
+    if (result)
+        return result;
+    count = sbi_loader_count_elements(loader, dimension, type);
+    if (count > INT_MAX)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 elements");
+    nodes = sb_element_node_count(type);
+    mesh->allocator = loader->allocator;
+    mesh->element_type = type;
+    mesh->element_count = (int)count;
+    mesh->elements = (int *)sbi_alloc(&loader->allocator, (size_t)count, (size_t)nodes * sizeof(int));
+    mesh->regions = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!mesh->elements || !mesh->regions)
+        return sbi_loader_no_memory(loader);
+    if (split)
+        result = sbi_split_cells(loader, mesh);
+    else
+        sbi_loader_copy_cells(loader, dimension, mesh);
+    if (result)
+        return result;
+    sbi_loader_copy_regions(loader, dimension, mesh);
+    if (!sbi_loader_any_region(mesh->regions, mesh->element_count)) {
+        sbi_free(&loader->allocator, mesh->regions);
+        mesh->regions = NULL;
+    }
+    mesh->node_count = (int)loader->node_count;
+    mesh->nodes = loader->nodes;
+    loader->nodes = NULL;
+    loader->node_count = loader->node_capacity = 0;
+    return SB_OK;
 }
 
 /* ==== src/softbody/mesh/meshio_sets.c ==== */
@@ -15625,7 +16008,8 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
 }
 
 /* ==== src/softbody/mesh/meshio_inflate.c ==== */
-/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
+/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
+ * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 
 #include <string.h>
@@ -15913,33 +16297,105 @@ static void sbi_inflate_blocks(sbi_inflater *z)
     }
 }
 
-SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
-                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+/* Unpacks the blocks from data[at] on; *end: where they end. *out and what goes with it may have changed although
+ * something is wrong. */
+static const char *sbi_inflate_from(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t at,
+                                    size_t limit, unsigned char **out, size_t out_size, size_t *out_capacity,
+                                    size_t *end, size_t *out_end)
 {
     sbi_inflater z;
-    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
-        return "it has no zlib header";
     memset(&z, 0, sizeof z);
     z.allocator = allocator;
     z.data = data;
     z.size = size;
-    z.at = 2;
+    z.at = at;
     z.out = *out;
-    z.out_start = z.out_size = *out_size;
+    z.out_start = z.out_size = out_size;
     z.out_capacity = *out_capacity;
     z.limit = limit;
     sbi_inflate_blocks(&z);
     *out = z.out; /* which may have moved, also when something went wrong */
     *out_capacity = z.out_capacity;
-    if (z.wrong)
-        return z.wrong;
-    z.at -= (size_t)(z.bit_count / 8);
-    if (size - z.at < 4)
+    *end = z.at - (size_t)(z.bit_count / 8);
+    *out_end = z.out_size;
+    return z.wrong;
+}
+
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0;
+    const char *wrong;
+    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
+        return "it has no zlib header";
+    wrong = sbi_inflate_from(allocator, data, size, 2, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 4)
         return "its checksum is missing";
-    if (sbi_inflate_checksum(z.out ? z.out + z.out_start : NULL, z.out_size - z.out_start) !=
-        ((uint32_t)data[z.at] << 24 | (uint32_t)data[z.at + 1] << 16 | (uint32_t)data[z.at + 2] << 8 | data[z.at + 3]))
+    if (sbi_inflate_checksum(*out ? *out + *out_size : NULL, out_end - *out_size) !=
+        ((uint32_t)data[end] << 24 | (uint32_t)data[end + 1] << 16 | (uint32_t)data[end + 2] << 8 | data[end + 3]))
         return "its checksum is wrong";
-    *out_size = z.out_size;
+    *out_size = out_end;
+    return NULL;
+}
+
+/* CRC-32 of RFC 1952, four bits at a time. */
+static uint32_t sbi_inflate_crc(const unsigned char *data, size_t size)
+{
+    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
+                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
+                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Bytes of the header of a gzip member; 0: it is none, or cut off. */
+static size_t sbi_inflate_gzip_header(const unsigned char *data, size_t size)
+{
+    enum { EXTRA = 4, NAME = 8, COMMENT = 16, CHECKSUM = 2, RESERVED = 0xE0 };
+    size_t at = 10;
+    if (size < 18 || data[0] != 0x1F || data[1] != 0x8B || data[2] != 8 || (data[3] & RESERVED))
+        return 0;
+    if (data[3] & EXTRA)
+        at += 2u + (data[10] | (size_t)data[11] << 8);
+    for (int flag = NAME; flag <= COMMENT; flag *= 2)
+        if (data[3] & flag) {
+            while (at < size && data[at])
+                at++;
+            at++;
+        }
+    if (data[3] & CHECKSUM)
+        at += 2;
+    return at < size ? at : 0;
+}
+
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0, at = sbi_inflate_gzip_header(data, size), length;
+    const char *wrong;
+    uint32_t tail[2] = {0, 0};
+    if (at == 0)
+        return "it has no gzip header";
+    wrong = sbi_inflate_from(allocator, data, size, at, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 8)
+        return "its checksum is missing";
+    for (size_t i = 0; i < 8; i++)
+        tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
+    length = out_end - *out_size;
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+        return "its checksum is wrong";
+    if (size - end > 8)
+        return "something follows its end";
+    *out_size = out_end;
     return NULL;
 }
 
@@ -16139,6 +16595,7 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
  *       <AppendedData encoding=> _ ... */
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 typedef enum sbi_vtu_format { SBI_VTU_ASCII = 0, SBI_VTU_BASE64 = 1, SBI_VTU_RAW = 2 } sbi_vtu_format;
@@ -16181,6 +16638,9 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
+    int image;       /* ImageData, and the loader wants an image */
+    int extent[6];   /* of the image: first and last point along each axis */
+    int labels_in_cells; /* where the array lies that `regions` holds */
     int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
     sbi_word compressor; /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
@@ -16650,7 +17110,15 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     if (!sbi_xml_attribute(&vtu->xml, "type", &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "<VTKFile> without a type");
     vtu->polydata = sbi_word_equals(word, "PolyData");
-    if (!vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
+    vtu->image = sbi_word_equals(word, "ImageData");
+    if (vtu->image && !vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                               "ImageData is an image, not a mesh: sb_image_load reads it, sb_image_surface makes a "
+                               "surface of its labels");
+    if (!vtu->image && vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtu->image && !vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
                                "VTK XML data set %s: only UnstructuredGrid and PolyData are read",
                                sbi_word_print(word, text));
@@ -16670,6 +17138,102 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     return SB_OK;
 }
 
+/* An attribute of `count` numbers; values stay where there is none. */
+static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int count, double *values)
+{
+    sbi_reader text = vtu->loader->reader;
+    sbi_word word, more;
+    sb_result result;
+    if (!sbi_xml_attribute(&vtu->xml, name, &word))
+        return SB_OK;
+    text.data = word.text;
+    text.size = word.length;
+    text.at = 0;
+    result = sbi_voxels_read_reals(&text, name, count, values);
+    if (!result && sbi_reader_word(&text, &more))
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has more than %d numbers", name, count);
+    return result;
+}
+
+/* An attribute that tells the first and last point along each axis. */
+static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
+{
+    double numbers[6] = {0, -1, 0, -1, 0, -1};
+    sb_result result = sbi_vtu_reals_attribute(vtu, name, 6, numbers);
+    for (int i = 0; i < 6 && !result; i++) {
+        if (!(fabs(numbers[i]) < INT_MAX / 2) || floor(numbers[i]) < numbers[i])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has a number that is no index", name);
+        extent[i] = (int)numbers[i];
+        if (i % 2 == 1 && extent[i] < extent[i - 1])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s is missing or empty", name);
+    }
+    return result;
+}
+
+/* Origin and Spacing are those of the point (0, 0, 0), which the extent need not have. */
+static sb_result sbi_vtu_image_tag(sbi_vtu *vtu)
+{
+    sbi_voxels *voxels = vtu->loader->voxels;
+    double rows[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "WholeExtent", vtu->extent);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Origin", 3, voxels->origin);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Spacing", 3, voxels->spacing);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Direction", 9, rows);
+    if (!result)
+        result = sbi_voxels_check_spacing(&vtu->loader->reader, voxels->spacing);
+    for (int axis = 0; axis < 3 && !result; axis++) {
+        voxels->points[axis] = vtu->extent[2 * axis + 1] - vtu->extent[2 * axis] + 1;
+        for (int k = 0; k < 3; k++)
+            voxels->direction[axis][k] = rows[3 * k + axis];
+    }
+    for (int k = 0; k < 3 && !result; k++)
+        for (int axis = 0; axis < 3; axis++)
+            voxels->origin[k] += voxels->direction[axis][k] * voxels->spacing[axis] * vtu->extent[2 * axis];
+    if (!result && sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return result;
+}
+
+static sb_result sbi_vtu_image_piece_tag(sbi_vtu *vtu)
+{
+    int extent[6] = {0, 0, 0, 0, 0, 0};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "Extent", extent);
+    if (!result && memcmp(extent, vtu->extent, sizeof extent) != 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED,
+                               "an image in several pieces: save it as one piece");
+    return result;
+}
+
+/* At </Piece>: the array that was noted becomes the labels. */
+static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
+{
+    sbi_loader *loader = vtu->loader;
+    sbi_vtu_values values;
+    int count = sbi_voxels_count(loader->voxels, vtu->labels_in_cells);
+    sb_result result;
+    vtu->in_piece = 0;
+    if (!vtu->regions.present || loader->voxels->labels)
+        return SB_OK;
+    result = sbi_vtu_open(vtu, &vtu->regions, &values);
+    if (!result)
+        result = sbi_vtu_check_count(&values, "labels", count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtu->labels_in_cells);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtu_real(&values, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, &values.reader, i, value);
+    }
+    if (!result)
+        result = sbi_vtu_expect_end(&values, "the voxels");
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
     static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
@@ -16680,6 +17244,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
     vtu->in_piece = 1;
     vtu->section = SBI_VTU_ELSEWHERE;
     vtu->points.present = vtu->types.present = vtu->regions.present = 0;
+    if (vtu->image)
+        return sbi_vtu_image_piece_tag(vtu);
     result = sbi_vtu_integer_attribute(vtu, "NumberOfPoints", 0, &vtu->point_count);
     for (int i = 0; i < SBI_VTU_LISTS && !result; i++) {
         vtu->offsets[i].present = vtu->connectivity[i].present = 0;
@@ -16759,14 +17325,27 @@ static int sbi_vtu_is_region(sbi_vtu *vtu, const sbi_vtu_array *array)
            sbi_word_equals(array->name, loader->region_field);
 }
 
+/* The first array of one number per point becomes the labels, else the first one of the cells. */
+static void sbi_vtu_note_labels(sbi_vtu *vtu, const sbi_vtu_array *array)
+{
+    int in_cells = vtu->section == SBI_VTU_CELL_DATA, wanted = in_cells || vtu->section == SBI_VTU_POINT_DATA;
+    if (!wanted || !array->class_ || array->components != 1 ||
+        (vtu->regions.present && (in_cells || !vtu->labels_in_cells)))
+        return;
+    vtu->regions = *array;
+    vtu->labels_in_cells = in_cells;
+}
+
 static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 {
     sbi_vtu_array array, *kept;
     sb_result result = sbi_vtu_array_tag(vtu, &array);
     if (result)
         return result;
-    kept = sbi_vtu_find_array(vtu, array.name);
-    if (kept)
+    kept = vtu->image ? NULL : sbi_vtu_find_array(vtu, array.name);
+    if (vtu->image)
+        sbi_vtu_note_labels(vtu, &array);
+    else if (kept)
         *kept = array;
     else if (vtu->section == SBI_VTU_CELL_DATA && sbi_vtu_is_region(vtu, &array))
         vtu->regions = array;
@@ -16788,8 +17367,13 @@ static sb_result sbi_vtu_start(sbi_vtu *vtu)
     if (sbi_word_equals(name, "VTKFile"))
         return vtu->has_file ? sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <VTKFile>")
                              : sbi_vtu_file_tag(vtu);
-    if (sbi_word_equals(name, vtu->polydata ? "PolyData" : "UnstructuredGrid"))
+    if (sbi_word_equals(name, vtu->image ? "ImageData" : vtu->polydata ? "PolyData" : "UnstructuredGrid")) {
+        if (vtu->image && vtu->has_grid)
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <ImageData>");
         vtu->has_grid = 1;
+        if (vtu->image)
+            return sbi_vtu_image_tag(vtu);
+    }
     if (sbi_word_equals(name, "Piece"))
         return sbi_vtu_piece_tag(vtu);
     for (int i = 0; i < SBI_VTU_ELSEWHERE && vtu->in_piece; i++)
@@ -16804,7 +17388,7 @@ static sb_result sbi_vtu_stop(sbi_vtu *vtu)
 {
     sbi_word name = vtu->xml.name;
     if (sbi_word_equals(name, "Piece") && vtu->in_piece)
-        return sbi_vtu_read_piece(vtu);
+        return vtu->image ? sbi_vtu_read_image(vtu) : sbi_vtu_read_piece(vtu);
     if (!sbi_word_equals(name, "DataArray") && !sbi_word_equals(name, "InformationKey"))
         vtu->section = SBI_VTU_ELSEWHERE;
     return SB_OK;
@@ -17803,6 +18387,1482 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     return result;
 }
 
+/* ==== src/softbody/mesh/image.c ==== */
+/* image: label images, their files as a whole, and how points find their voxels. */
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+
+/* ==== voxels being read =============================================================================== */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels)
+{
+    memset(voxels, 0, sizeof *voxels);
+    for (int k = 0; k < 3; k++)
+        voxels->spacing[k] = voxels->direction[k][k] = 1;
+}
+
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values)
+{
+    double read[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    sb_result result = SB_OK;
+    for (int i = 0; i < count && !result; i++)
+        result = sbi_reader_real(reader, what, &read[i]);
+    if (!result)
+        memcpy(values, read, (size_t)count * sizeof *values);
+    return result;
+}
+
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3])
+{
+    for (int k = 0; k < 3; k++)
+        if (!(spacing[k] > 0))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "a spacing of %g: it must be above 0", spacing[k]);
+    return SB_OK;
+}
+
+/* Voxels along an axis. A direction with one point only has one layer of cells all the same. */
+static int sbi_voxels_along(int points, int in_cells) { return in_cells && points > 1 ? points - 1 : points; }
+
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells)
+{
+    int64_t count = 1;
+    for (int k = 0; k < 3; k++) {
+        count *= sbi_voxels_along(voxels->points[k], in_cells);
+        if (count > INT_MAX)
+            return 0;
+    }
+    return (int)count;
+}
+
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells)
+{
+    sbi_voxels *voxels = loader->voxels;
+    int count = sbi_voxels_count(voxels, in_cells);
+    if (count == 0)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    voxels->labels = (int *)sbi_alloc(&loader->allocator, (size_t)count, sizeof(int));
+    if (!voxels->labels)
+        return sbi_loader_no_memory(loader);
+    for (int axis = 0; axis < 3; axis++) {
+        int points = voxels->points[axis];
+        voxels->counts[axis] = sbi_voxels_along(points, in_cells);
+        for (int k = 0; k < 3 && voxels->counts[axis] < points; k++) /* from the first corner to the first centre */
+            voxels->origin[k] += 0.5 * voxels->spacing[axis] * voxels->direction[axis][k];
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value)
+{
+    if (value - value != 0)
+        return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "voxel %d is not finite", voxel);
+    if (value < (double)INT_MIN || value > (double)INT_MAX || floor(value) < value)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                               "voxel %d is %g: labels are whole numbers that an int holds (is this a label image?)",
+                               voxel, value);
+    loader->voxels->labels[voxel] = (int)value;
+    return SB_OK;
+}
+
+/* ==== data behind a header ============================================================================ */
+
+static sb_result sbi_voxels_read_text(sbi_loader *loader, sbi_reader *reader, int count)
+{
+    sbi_word word;
+    sb_result result = sbi_reader_check_count(reader, "the number of voxels", count, 2, &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_reader_real(reader, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, reader, i, value);
+    }
+    if (!result && sbi_reader_word(reader, &word))
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file has more numbers than the %d voxels need", count);
+    return result;
+}
+
+/* The voxels are all that `reader` has left. */
+static sb_result sbi_voxels_read_raw(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    size_t left = sbi_reader_left(reader), size = (size_t)data->size;
+    const unsigned char *bytes;
+    sb_result result;
+    if (left / size < (size_t)count)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%d voxels of %d bytes are announced, but %llu bytes are there",
+                               count, data->size, (unsigned long long)left);
+    if (left != (size_t)count * size)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%llu bytes follow the %d voxels",
+                               (unsigned long long)(left - (size_t)count * size), count);
+    bytes = sbi_reader_bytes(reader, (size_t)count, size, "the voxels");
+    result = sbi_voxels_begin(loader, 0);
+    for (int i = 0; i < count && !result; i++, bytes += size) {
+        double value = data->class_ == 'f'   ? sbi_decode_float(reader, bytes, data->size)
+                       : data->class_ == 'i' ? (double)sbi_decode_signed(reader, bytes, data->size)
+                                             : (double)sbi_decode_bits(reader, bytes, data->size);
+        result = sbi_voxels_set(loader, reader, i, value);
+    }
+    return result;
+}
+
+static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data, int count)
+{
+    const unsigned char *bytes = (const unsigned char *)reader->data + reader->at;
+    size_t size = 0, capacity = 0, limit = 0;
+    unsigned char *out = NULL;
+    const char *wrong = sbi_size_add(&limit, (size_t)count, (size_t)data->size) ? NULL : "";
+    sb_result result;
+    if (!wrong)
+        wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(
+            &loader->allocator, bytes, sbi_reader_left(reader), limit, &out, &size, &capacity);
+    if (wrong && !wrong[0])
+        result = sbi_loader_no_memory(loader);
+    else if (wrong)
+        result = sbi_reader_fail(reader, SB_ERROR_FORMAT, "the packed voxels cannot be unpacked: %s", wrong);
+    else {
+        sbi_reader unpacked = *reader;
+        unpacked.data = out ? (const char *)out : "";
+        unpacked.size = size;
+        unpacked.at = 0;
+        result = sbi_voxels_read_raw(loader, &unpacked, data, count);
+    }
+    sbi_free(&loader->allocator, out);
+    return result;
+}
+
+/* Reads what a header described from the reader's place to its end. */
+static sb_result sbi_voxels_read_data(sbi_loader *loader, sbi_reader *reader, const sbi_voxel_data *data)
+{
+    int count = sbi_voxels_count(loader->voxels, 0);
+    if (count == 0)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels, or none");
+    if (data->encoding == SBI_VOXELS_TEXT)
+        return sbi_voxels_read_text(loader, reader, count);
+    reader->binary = 1;
+    reader->big_endian = data->big_endian;
+    return data->encoding == SBI_VOXELS_RAW ? sbi_voxels_read_raw(loader, reader, data, count)
+                                            : sbi_voxels_read_packed(loader, reader, data, count);
+}
+
+/* ==== files =========================================================================================== */
+
+typedef enum sbi_image_format {
+    SBI_IMAGE_NONE = 0,
+    SBI_IMAGE_VTK = 1,
+    SBI_IMAGE_VTI = 2,
+    SBI_IMAGE_META = 3,
+    SBI_IMAGE_NRRD = 4
+} sbi_image_format;
+
+static int sbi_image_begins(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    return size >= length && memcmp(data, text, length) == 0;
+}
+
+/* By what the file begins with: whether it may be an image is for its reader to say. */
+static sbi_image_format sbi_image_detect(const char *data, size_t size)
+{
+    if (sbi_image_begins(data, size, "# vtk DataFile"))
+        return SBI_IMAGE_VTK;
+    if (sbi_image_begins(data, size, "NRRD000"))
+        return SBI_IMAGE_NRRD;
+    if (sbi_image_begins(data, size, "ObjectType") || sbi_image_begins(data, size, "NDims"))
+        return SBI_IMAGE_META;
+    while (size > 0 && (*data == ' ' || *data == '\n' || *data == '\r' || *data == '\t'))
+        data++, size--;
+    return size > 0 && *data == '<' ? SBI_IMAGE_VTI : SBI_IMAGE_NONE;
+}
+
+/* 1 when `text` stands among the first bytes. */
+static int sbi_image_has(const char *data, size_t size, const char *text)
+{
+    size_t length = strlen(text);
+    for (size_t i = 0; i + length <= size; i++)
+        if (memcmp(data + i, text, length) == 0)
+            return 1;
+    return 0;
+}
+
+SB_API int sb_image_is_file(const char *path)
+{
+    char start[1024]; /* the title line of VTK's files has at most 256 characters */
+    FILE *file = path ? fopen(path, "rb") : NULL;
+    size_t size;
+    if (!file)
+        return 0;
+    size = fread(start, 1, sizeof start, file);
+    fclose(file);
+    switch (sbi_image_detect(start, size)) {
+    case SBI_IMAGE_VTK: return sbi_image_has(start, size, "STRUCTURED_POINTS");
+    case SBI_IMAGE_VTI: return sbi_image_has(start, size, "ImageData");
+    case SBI_IMAGE_META:
+    case SBI_IMAGE_NRRD: return 1;
+    case SBI_IMAGE_NONE: break;
+    }
+    return 0;
+}
+
+/* The path of a file beside another one; NULL without memory. */
+static char *sbi_image_beside(const sb_allocator *allocator, const char *path, sbi_word name)
+{
+    size_t folder = 0;
+    char *joined;
+    for (size_t i = 0; path[i]; i++)
+        if (path[i] == '/' || path[i] == '\\')
+            folder = i + 1;
+    joined = (char *)sbi_alloc(allocator, folder + name.length + 1, 1);
+    if (joined) {
+        memcpy(joined, path, folder);
+        memcpy(joined + folder, name.text, name.length);
+        joined[folder + name.length] = 0;
+    }
+    return joined;
+}
+
+/* The voxels of a header file, which is untrusted: it must not make us open whatever it likes. */
+static sb_result sbi_image_read_detached(sbi_loader *loader, const sbi_voxel_data *data, const char *path)
+{
+    sbi_file content;
+    sbi_reader reader;
+    char *name, text[32];
+    sb_result result;
+    if (!path)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                               "the voxels are in the file %s: load the header by its path",
+                               sbi_word_print(data->file, text));
+    for (size_t i = 0; i < data->file.length; i++)
+        if (strchr("/\\:", data->file.text[i])) /* also a NUL */
+            return sbi_reader_fail(&loader->reader, SB_ERROR_UNSUPPORTED,
+                                   "the data file %s is not beside the header: only those are read",
+                                   sbi_word_print(data->file, text));
+    name = sbi_image_beside(&loader->allocator, path, data->file);
+    if (!name)
+        return sbi_loader_no_memory(loader);
+    result = sbi_file_read(&loader->allocator, name, &content, loader->reader.error);
+    if (!result) {
+        sbi_reader_init(&reader, content.data, content.size, name, loader->reader.error);
+        result = sbi_voxels_read_data(loader, &reader, data);
+    }
+    sbi_free(&loader->allocator, content.data);
+    sbi_free(&loader->allocator, name);
+    return result;
+}
+
+static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_image_format format = sbi_image_detect(reader->data, reader->size);
+    sbi_voxel_data data;
+    sb_result result;
+    memset(&data, 0, sizeof data);
+    switch (format) {
+    case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
+    case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
+    case SBI_IMAGE_META: result = sbi_meta_read(loader, &data); break;
+    case SBI_IMAGE_NRRD: result = sbi_nrrd_read(loader, &data); break;
+    default:
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is %s",
+                               reader->size ? "no image of VTK's, no MetaImage and no NRRD" : "empty");
+    }
+    if (result)
+        return result;
+    return data.has_file ? sbi_image_read_detached(loader, &data, path) : sbi_voxels_read_data(loader, reader, &data);
+}
+
+/* What was read, scaled and with axes of length 1, as an image. */
+static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
+{
+    sbi_voxels *voxels = loader->voxels;
+    sb_real *origin[3], *spacing[3];
+    sb_image made;
+    sb_error error;
+    if (!voxels->labels)
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+    memset(&made, 0, sizeof made);
+    origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
+    spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
+    for (int axis = 0; axis < 3; axis++) {
+        const double *d = voxels->direction[axis];
+        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        double room = (double)SB_REAL_MAX, o = voxels->origin[axis] * loader->scale;
+        double s = voxels->spacing[axis] * loader->scale * length;
+        if (!(length > 0) || !(fabs(o) <= room) || !(s <= room))
+            return sbi_reader_fail(&loader->reader, SB_ERROR_NOT_FINITE,
+                                   "axis %d: a direction of length %g, spacing %g, origin %g", axis, length, s, o);
+        made.counts[axis] = voxels->counts[axis];
+        *origin[axis] = (sb_real)o;
+        *spacing[axis] = (sb_real)s;
+        for (int k = 0; k < 3; k++)
+            made.direction.m[k][axis] = (sb_real)(d[k] / length);
+    }
+    made.labels = voxels->labels;
+    made.allocator = loader->allocator;
+    if (sb_image_check(&made, &error) != SB_OK)
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
+                               error.message);
+    voxels->labels = NULL;
+    *image = made;
+    return SB_OK;
+}
+
+/* path: NULL when the content came from memory. */
+static sb_result sbi_image_read(sb_image *image, const char *data, size_t size, const char *name, const char *path,
+                                const sb_load_options *options, sb_error *error)
+{
+    sbi_loader loader;
+    sbi_voxels voxels;
+    sb_result result;
+    sbi_voxels_init(&voxels);
+    sbi_loader_init(&loader, options, error);
+    loader.voxels = &voxels;
+    sbi_loader_set_content(&loader, data, size, name);
+    result = sbi_image_parse(&loader, path);
+    if (!result)
+        result = sbi_image_make(&loader, image);
+    sbi_free(&loader.allocator, voxels.labels);
+    sbi_loader_free(&loader);
+    return result;
+}
+
+SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
+                                      const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || (!data && size))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "data" : "image");
+    return sbi_image_read(image, size ? (const char *)data : "", size, name, NULL, &resolved, error);
+}
+
+SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_options *options, sb_error *error)
+{
+    sb_load_options resolved;
+    sbi_file content;
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
+    if (result)
+        return result;
+    if (!image || !path)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "path" : "image");
+    result = sbi_file_read(&resolved.allocator, path, &content, error);
+    if (!result)
+        result = sbi_image_read(image, content.data, content.size, path, path, &resolved, error);
+    sbi_free(&resolved.allocator, content.data);
+    return result;
+}
+
+SB_API void sb_image_free(sb_image *image)
+{
+    if (!image)
+        return;
+    sbi_free(&image->allocator, image->labels);
+    memset(image, 0, sizeof *image);
+}
+
+/* ==== images ========================================================================================== */
+
+/* How flat the axes may lie: the volume of the parallelepiped of their unit vectors. */
+#define SBI_IMAGE_LEAST_VOLUME 1e-3
+
+SB_API sb_result sb_image_check(const sb_image *image, sb_error *error)
+{
+    int64_t count = 1;
+    sb_vec3 s;
+    if (!image || !image->labels)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "labels" : "image");
+    for (int axis = 0; axis < 3; axis++) {
+        if (image->counts[axis] < 1)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts[%d] is %d", axis, image->counts[axis]);
+        count *= image->counts[axis];
+        if (count > INT_MAX)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "counts: more than 2147483647 voxels");
+    }
+    s = image->spacing;
+    if (!sb_v3_is_finite(image->origin) || !sb_v3_is_finite(s))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "origin or spacing is not finite");
+    if (!(s.x > 0) || !(s.y > 0) || !(s.z > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "spacing: %g %g %g must be above 0", (double)s.x, (double)s.y,
+                        (double)s.z);
+    for (int axis = 0; axis < 3; axis++) {
+        sb_vec3 d = sb_m3_column(image->direction, axis);
+        if (!sb_v3_is_finite(d))
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "direction: column %d is not finite", axis);
+        if (!(fabs((double)sb_v3_dot(d, d) - 1) < 1e-3))
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: column %d is not of length 1", axis);
+    }
+    if (!(fabs((double)sb_m3_det(image->direction)) >= SBI_IMAGE_LEAST_VOLUME))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "direction: the axes lie in a plane");
+    if (!(s.x * (sb_real)image->counts[0] + s.y * (sb_real)image->counts[1] + s.z * (sb_real)image->counts[2] <=
+          SB_REAL_MAX / 4))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "spacing: the image is larger than numbers reach");
+    return SB_OK;
+}
+
+SB_API int sb_image_next_label(const sb_image *image, int after, int *label)
+{
+    int found = 0, next = 0;
+    size_t count;
+    if (!label || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    count = (size_t)image->counts[0] * (size_t)image->counts[1] * (size_t)image->counts[2];
+    for (size_t i = 0; i < count; i++) {
+        int value = image->labels[i];
+        if (value > after && (!found || value < next)) {
+            next = value;
+            found = 1;
+        }
+    }
+    if (found)
+        *label = next;
+    return found;
+}
+
+SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image)
+{
+    const sb_mat3 *d = &image->direction;
+    sb_mat3 turn = sb_m3_inverse(*d);
+    sbi_image_frame frame;
+    frame.origin = image->origin;
+    frame.axes = sb_m3_columns(sb_v3_scale(image->spacing.x, sb_m3_column(*d, 0)),
+                               sb_v3_scale(image->spacing.y, sb_m3_column(*d, 1)),
+                               sb_v3_scale(image->spacing.z, sb_m3_column(*d, 2)));
+    for (int k = 0; k < 3; k++) {
+        frame.inverse.m[0][k] = turn.m[0][k] / image->spacing.x;
+        frame.inverse.m[1][k] = turn.m[1][k] / image->spacing.y;
+        frame.inverse.m[2][k] = turn.m[2][k] / image->spacing.z;
+    }
+    return frame;
+}
+
+SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_vec3 at = sb_m3_apply(frame->inverse, sb_v3_sub(point, frame->origin));
+    sb_real along[3];
+    size_t index[3];
+    along[0] = at.x, along[1] = at.y, along[2] = at.z;
+    for (int k = 0; k < 3; k++) {
+        sb_real cell = along[k] + (sb_real)0.5; /* voxels reach half a spacing around their centres */
+        if (!(cell >= 0) || !(cell < (sb_real)image->counts[k]))
+            return 0;
+        index[k] = (size_t)cell;
+    }
+    return image->labels[(index[2] * (size_t)image->counts[1] + index[1]) * (size_t)image->counts[0] + index[0]];
+}
+
+SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point)
+{
+    sbi_image_frame frame;
+    if (!sb_v3_is_finite(point) || sb_image_check(image, NULL) != SB_OK)
+        return 0;
+    frame = sbi_image_get_frame(image);
+    return sbi_image_lookup(image, &frame, point);
+}
+#undef SBI_IMAGE_LEAST_VOLUME
+
+/* ==== src/softbody/mesh/image_files.c ==== */
+/* image_files: the headers of MetaImage and NRRD. Sources: "MetaIO" (itk.org/Wiki/MetaIO/Documentation), "Definition of
+ * NRRD File Format" (teem.sourceforge.net/nrrd/format.html). */
+
+#include <limits.h>
+#include <string.h>
+
+/* A line of a header: what stands before and behind its sign. */
+typedef struct sbi_header_line {
+    sbi_word key;
+    sbi_word rest;
+    sbi_reader value; /* of `rest` only */
+} sbi_header_line;
+
+static int sbi_header_blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+
+static sbi_word sbi_header_trim(const char *begin, const char *end)
+{
+    sbi_word word;
+    while (begin < end && sbi_header_blank(*begin))
+        begin++;
+    while (end > begin && sbi_header_blank(end[-1]))
+        end--;
+    word.text = begin;
+    word.length = (size_t)(end - begin);
+    return word;
+}
+
+/* The next line, cut at the first `sign`; the reader stands at the line after it. 0: the line has no such sign. */
+static int sbi_header_next(sbi_reader *reader, char sign, sbi_header_line *line)
+{
+    const char *begin = reader->data + reader->at;
+    const char *end = (const char *)memchr(begin, '\n', sbi_reader_left(reader));
+    const char *cut;
+    if (!end)
+        end = reader->data + reader->size;
+    cut = (const char *)memchr(begin, sign, (size_t)(end - begin));
+    line->key = sbi_header_trim(begin, cut ? cut : end);
+    line->rest = cut ? sbi_header_trim(cut + 1, end) : sbi_header_trim(end, end);
+    line->value = *reader;
+    line->value.data = line->rest.text;
+    line->value.size = line->rest.length;
+    line->value.at = 0;
+    reader->at = (size_t)(end - reader->data);
+    if (reader->at < reader->size) {
+        reader->at++;
+        if (reader->line < INT_MAX)
+            reader->line++;
+    }
+    return cut != NULL;
+}
+
+static sb_result sbi_header_integer(sbi_header_line *line, const char *what, int *value)
+{
+    return sbi_reader_count(&line->value, what, 0, value);
+}
+
+static sb_result sbi_header_counts(sbi_header_line *line, int dimension, int points[3])
+{
+    sb_result result = SB_OK;
+    points[2] = 1;
+    for (int k = 0; k < dimension && !result; k++) {
+        result = sbi_header_integer(line, "the number of voxels", &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "0 voxels along an axis");
+    }
+    return result;
+}
+
+static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
+{
+    sb_result result = sbi_header_integer(line, "the dimension", dimension);
+    if (!result && *dimension != 2 && *dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
+                               *dimension);
+    return result;
+}
+
+/* ---- MetaImage ---- */
+
+typedef struct sbi_meta {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_spacing, text;
+} sbi_meta;
+
+static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
+{
+    static const struct {
+        char name[16];
+        char class_;
+        int size;
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+                 {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        if (sbi_word_is(line->rest, types[i].name)) {
+            meta->data->class_ = types[i].class_;
+            meta->data->size = types[i].size;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+/* Rows are the axes. */
+static sb_result sbi_meta_direction(const sbi_meta *meta, sbi_header_line *line)
+{
+    double rows[9];
+    int n = meta->dimension;
+    sb_result result = sbi_voxels_read_reals(&line->value, "direction", n * n, rows);
+    for (int i = 0; i < n * n && !result; i++)
+        meta->voxels->direction[i / n][i % n] = rows[i];
+    return result;
+}
+
+static int sbi_meta_is(const sbi_header_line *line, const char *a, const char *b, const char *c)
+{
+    return sbi_word_is(line->key, a) || sbi_word_is(line->key, b) || sbi_word_is(line->key, c);
+}
+
+static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
+{
+    sb_result result = SB_OK;
+    if (!meta->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "NDims must come before it");
+    if (sbi_word_is(line->key, "DimSize")) {
+        meta->has_counts = 1;
+        return sbi_header_counts(line, meta->dimension, meta->voxels->points);
+    }
+    if (sbi_meta_is(line, "Offset", "Position", "Origin"))
+        return sbi_voxels_read_reals(&line->value, "origin", meta->dimension, meta->voxels->origin);
+    if (sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_direction(meta, line);
+    if (sbi_word_is(line->key, "ElementSize") && meta->has_spacing)
+        return SB_OK;
+    meta->has_spacing |= sbi_word_is(line->key, "ElementSpacing");
+    result = sbi_voxels_read_reals(&line->value, "spacing", meta->dimension, meta->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, meta->voxels->spacing);
+}
+
+static int sbi_meta_is_true(const sbi_header_line *line)
+{
+    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+}
+
+/* A line other than ElementDataFile. */
+static sb_result sbi_meta_line(sbi_meta *meta, sbi_header_line *line)
+{
+    int number = 0;
+    sb_result result;
+    if (sbi_word_is(line->key, "NDims"))
+        return sbi_header_dimension(line, &meta->dimension);
+    if (sbi_meta_is(line, "DimSize", "ElementSpacing", "ElementSize") ||
+        sbi_meta_is(line, "Offset", "Position", "Origin") ||
+        sbi_meta_is(line, "TransformMatrix", "Rotation", "Orientation"))
+        return sbi_meta_geometry(meta, line);
+    if (sbi_word_is(line->key, "ElementType"))
+        return sbi_meta_type(meta, line);
+    if (sbi_word_is(line->key, "BinaryDataByteOrderMSB") || sbi_word_is(line->key, "ElementByteOrderMSB"))
+        meta->data->big_endian = sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "BinaryData"))
+        meta->text = !sbi_meta_is_true(line);
+    if (sbi_word_is(line->key, "CompressedData") && sbi_meta_is_true(line))
+        meta->data->encoding = SBI_VOXELS_ZLIB;
+    if (sbi_word_is(line->key, "ObjectType") && !sbi_word_is(line->rest, "Image"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a MetaIO object that is no image");
+    if (sbi_word_is(line->key, "HeaderSize") && !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    if (!sbi_word_is(line->key, "ElementNumberOfChannels"))
+        return SB_OK;
+    result = sbi_header_integer(line, "the number of channels", &number);
+    if (!result && number != 1)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "%d values per voxel: labels have one", number);
+    return result;
+}
+
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_meta meta;
+    sb_result result = SB_OK;
+    memset(&meta, 0, sizeof meta);
+    meta.voxels = loader->voxels;
+    meta.data = data;
+    for (;;) {
+        if (!sbi_reader_left(reader))
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends without ElementDataFile");
+        if (!sbi_header_next(reader, '=', &line) && line.key.length)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \"=\"");
+        if (sbi_word_is(line.key, "ElementDataFile"))
+            break;
+        result = line.key.length ? sbi_meta_line(&meta, &line) : SB_OK;
+        if (result)
+            return result;
+    }
+    if (!meta.has_counts || !data->class_)
+        return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "the header has no %s",
+                               meta.has_counts ? "ElementType" : "DimSize");
+    if (meta.text)
+        data->encoding = SBI_VOXELS_TEXT;
+    data->has_file = !sbi_word_is(line.rest, "LOCAL");
+    data->file = line.rest;
+    if (sbi_word_is(line.rest, "LIST") || memchr(line.rest.text, '%', line.rest.length))
+        return sbi_reader_fail(&line.value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    return SB_OK;
+}
+
+/* ---- NRRD ---- */
+
+typedef struct sbi_nrrd {
+    sbi_voxels *voxels;
+    sbi_voxel_data *data;
+    int dimension, has_counts, has_encoding, has_endian;
+} sbi_nrrd;
+
+static sb_result sbi_nrrd_type(const sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char names[5][24];
+        char class_;
+        int size;
+    } types[] = {{{"signed char", "int8", "int8_t", "", ""}, 'i', 1},
+                 {{"uchar", "unsigned char", "uint8", "uint8_t", ""}, 'u', 1},
+                 {{"short", "short int", "signed short", "int16", "int16_t"}, 'i', 2},
+                 {{"ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"}, 'u', 2},
+                 {{"int", "signed int", "int32", "int32_t", ""}, 'i', 4},
+                 {{"uint", "unsigned int", "uint32", "uint32_t", ""}, 'u', 4},
+                 {{"longlong", "long long", "long long int", "int64", "int64_t"}, 'i', 8},
+                 {{"ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"}, 'u', 8},
+                 {{"float", "", "", "", ""}, 'f', 4},
+                 {{"double", "", "", "", ""}, 'f', 8}};
+    char text[32];
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
+        for (int k = 0; k < 5 && types[i].names[k][0]; k++)
+            if (sbi_word_is(line->rest, types[i].names[k])) {
+                nrrd->data->class_ = types[i].class_;
+                nrrd->data->size = types[i].size;
+                return SB_OK;
+            }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "values of type %s", sbi_word_print(line->rest, text));
+}
+
+static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
+{
+    static const struct {
+        char name[8];
+        sbi_voxel_encoding encoding;
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    char text[32];
+    nrrd->has_encoding = 1;
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
+        if (sbi_word_is(line->rest, known[i].name)) {
+            nrrd->data->encoding = known[i].encoding;
+            return SB_OK;
+        }
+    return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "encoding %s: raw, text and gzip are read",
+                           sbi_word_print(line->rest, text));
+}
+
+/* "(x,y,z)", blanks allowed: one vector. */
+static sb_result sbi_nrrd_vector(sbi_reader *value, double v[3])
+{
+    int at = 0;
+    while (value->at < value->size && sbi_header_blank(value->data[value->at]))
+        value->at++;
+    if (value->at >= value->size || value->data[value->at] != '(')
+        return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector like (1,0,0) is missing");
+    value->at++;
+    for (;;) {
+        size_t end = value->at;
+        sbi_word word;
+        int parsed;
+        while (end < value->size && value->data[end] != ',' && value->data[end] != ')')
+            end++;
+        word = sbi_header_trim(value->data + value->at, value->data + end);
+        if (end >= value->size || at == 3)
+            return sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector that has not three numbers");
+        parsed = sbi_parse_real(word.text, word.length, &v[at++]);
+        if (parsed <= 0)
+            return sbi_reader_fail(value, parsed ? SB_ERROR_NOT_FINITE : SB_ERROR_FORMAT, "a vector with what is %s",
+                                   parsed ? "not finite" : "no number");
+        value->at = end + 1;
+        if (value->data[end] == ')')
+            break;
+    }
+    return at == 3 ? SB_OK
+                   : sbi_reader_fail(value, SB_ERROR_UNSUPPORTED, "a vector of %d numbers: label images need 3", at);
+}
+
+static sb_result sbi_nrrd_directions(const sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    double v[3][3];
+    sb_result result = SB_OK;
+    if (nrrd->dimension != 3)
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "space directions of an image that has not three axes");
+    for (int axis = 0; axis < 3 && !result; axis++)
+        result = sbi_nrrd_vector(&line->value, v[axis]);
+    for (int axis = 0; axis < 3 && !result; axis++) { /* their lengths are the spacing */
+        nrrd->voxels->spacing[axis] = 1;
+        memcpy(nrrd->voxels->direction[axis], v[axis], sizeof v[axis]);
+    }
+    return result;
+}
+
+static sb_result sbi_nrrd_geometry(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    sb_result result;
+    if (sbi_word_is(line->key, "space origin"))
+        return sbi_nrrd_vector(&line->value, nrrd->voxels->origin);
+    if (!nrrd->dimension)
+        return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "the dimension must come before it");
+    if (sbi_word_is(line->key, "space directions"))
+        return sbi_nrrd_directions(nrrd, line);
+    if (sbi_word_is(line->key, "sizes")) {
+        nrrd->has_counts = 1;
+        return sbi_header_counts(line, nrrd->dimension, nrrd->voxels->points);
+    }
+    result = sbi_voxels_read_reals(&line->value, "spacing", nrrd->dimension, nrrd->voxels->spacing);
+    return result ? result : sbi_voxels_check_spacing(&line->value, nrrd->voxels->spacing);
+}
+
+static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
+{
+    static const char geometry[4][20] = {"space origin", "space directions", "sizes", "spacings"};
+    if (sbi_word_is(line->key, "dimension"))
+        return sbi_header_dimension(line, &nrrd->dimension);
+    for (int i = 0; i < 4; i++)
+        if (sbi_word_is(line->key, geometry[i]))
+            return sbi_nrrd_geometry(nrrd, line);
+    if (sbi_word_is(line->key, "type"))
+        return sbi_nrrd_type(nrrd, line);
+    if (sbi_word_is(line->key, "encoding"))
+        return sbi_nrrd_encoding(nrrd, line);
+    if (sbi_word_is(line->key, "endian")) {
+        nrrd->has_endian = 1;
+        nrrd->data->big_endian = sbi_word_is(line->rest, "big");
+        if (!nrrd->data->big_endian && !sbi_word_is(line->rest, "little"))
+            return sbi_reader_fail(&line->value, SB_ERROR_FORMAT, "endian is neither big nor little");
+    }
+    if (sbi_word_is(line->key, "data file") || sbi_word_is(line->key, "datafile")) {
+        nrrd->data->has_file = 1;
+        nrrd->data->file = line->rest;
+        if (sbi_word_is(line->rest, "LIST") || memchr(line->rest.text, '%', line->rest.length))
+            return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "voxels in several files");
+    }
+    if ((sbi_word_is(line->key, "byte skip") || sbi_word_is(line->key, "line skip") ||
+         sbi_word_is(line->key, "byteskip") || sbi_word_is(line->key, "lineskip")) &&
+        !sbi_word_is(line->rest, "0"))
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "a data file that has a header of its own");
+    return SB_OK; /* names of axes, units and the like */
+}
+
+static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
+{
+    const char *missing = !nrrd->has_counts       ? "sizes"
+                          : !nrrd->data->class_   ? "type"
+                          : !nrrd->has_encoding   ? "encoding"
+                                                  : NULL;
+    if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
+        missing = "endian";
+    return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;
+}
+
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data)
+{
+    sbi_reader *reader = &loader->reader;
+    sbi_header_line line;
+    sbi_nrrd nrrd;
+    sb_result result = SB_OK;
+    memset(&nrrd, 0, sizeof nrrd);
+    nrrd.voxels = loader->voxels;
+    nrrd.data = data;
+    sbi_reader_next_line(reader); /* NRRD0004 */
+    while (sbi_reader_left(reader) && !result) {
+        int has_sign = sbi_header_next(reader, ':', &line);
+        if (!line.key.length && !has_sign)
+            return sbi_nrrd_finish(&nrrd, reader); /* the voxels begin behind the blank line */
+        if (line.key.length && line.key.text[0] == '#')
+            continue;
+        if (!has_sign)
+            return sbi_reader_fail(&line.value, SB_ERROR_FORMAT, "a line of the header without \":\"");
+        if (line.rest.length == 0 || line.rest.text[0] != '=') /* "key:=value" is a remark */
+            result = sbi_nrrd_line(&nrrd, &line);
+    }
+    if (!result && !data->has_file)
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in its header");
+    return result ? result : sbi_nrrd_finish(&nrrd, reader);
+}
+
+/* ==== src/softbody/geometry/labels.c ==== */
+/* labels: the surface round labels of an image, and the labels of a mesh's elements. */
+
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+enum { SBI_LABEL_COOKIE = 0x6c61626c };
+
+SB_API sb_label_def sb_default_label_def(void)
+{
+    sb_label_def def;
+    memset(&def, 0, sizeof def);
+    def.smoothing = 2;
+    def.cookie = SBI_LABEL_COOKIE;
+    return def;
+}
+
+/* ==== the field =======================================================================================
+ * A box of values round the labels, with a rim so wide that the filter ends inside it: above 0 inside. */
+
+typedef struct sbi_field_box {
+    const sb_label_def *def;
+    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3];  /* of values along each axis */
+    size_t strides[3];
+    float *filtered; /* [counts[2]][counts[1]][counts[0]] */
+    float *values;   /* of the same size: what is marched, each on its side */
+    int voxels;      /* inside */
+    int held;
+} sbi_field_box;
+
+static int sbi_label_is_chosen(const sb_label_def *def, int label)
+{
+    if (def->label_count == 0)
+        return label != 0;
+    for (int i = 0; i < def->label_count; i++)
+        if (def->labels[i] == label)
+            return 1;
+    return 0;
+}
+
+/* 1 when the voxel that value (i, j, k) belongs to is inside. */
+static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
+{
+    const sb_image *image = box->def->image;
+    int at[3];
+    at[0] = box->low[0] + i, at[1] = box->low[1] + j, at[2] = box->low[2] + k;
+    for (int axis = 0; axis < 3; axis++)
+        if (at[axis] < 0 || at[axis] >= image->counts[axis])
+            return 0;
+    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
+                                                           (size_t)image->counts[0] +
+                                                       (size_t)at[0]]);
+}
+
+/* The box of the chosen voxels and how many there are. */
+static sb_result sbi_field_measure(sbi_field_box *box, sb_error *error)
+{
+    const sb_image *image = box->def->image;
+    const int *label = image->labels;
+    int low[3] = {INT_MAX, INT_MAX, INT_MAX}, high[3] = {-1, -1, -1}, rim = box->def->smoothing + 1;
+    size_t stride = 1;
+    for (int k = 0; k < image->counts[2]; k++)
+        for (int j = 0; j < image->counts[1]; j++)
+            for (int i = 0; i < image->counts[0]; i++, label++) {
+                int at[3];
+                if (!sbi_label_is_chosen(box->def, *label))
+                    continue;
+                box->voxels++;
+                at[0] = i, at[1] = j, at[2] = k;
+                for (int axis = 0; axis < 3; axis++) {
+                    low[axis] = sbi_min_int(low[axis], at[axis]);
+                    high[axis] = sbi_max_int(high[axis], at[axis]);
+                }
+            }
+    if (box->voxels == 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: no voxel of the image has %s",
+                        box->def->label_count ? "one of them" : "a label other than 0");
+    for (int axis = 0; axis < 3; axis++) {
+        size_t next = 0;
+        box->low[axis] = low[axis] - rim;
+        if (high[axis] - low[axis] > INT_MAX - 2 * rim - 1)
+            return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the labels reach over too many voxels");
+        box->counts[axis] = high[axis] - low[axis] + 1 + 2 * rim;
+        box->strides[axis] = stride;
+        if (!sbi_size_add(&next, stride, (size_t)box->counts[axis]))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+        stride = next;
+    }
+    return SB_OK;
+}
+
+static size_t sbi_field_size(const sbi_field_box *box) { return box->strides[2] * (size_t)box->counts[2]; }
+
+/* (1 2 1) / 4 along an axis, in place; beyond the box is 0. */
+static void sbi_field_filter_axis(const sbi_field_box *box, float *values, int axis)
+{
+    int a = axis == 0 ? 1 : 0, b = axis == 2 ? 1 : 2, count = box->counts[axis];
+    size_t step = box->strides[axis];
+    for (int k = 0; k < box->counts[b]; k++)
+        for (int j = 0; j < box->counts[a]; j++) {
+            float *line = values + (size_t)k * box->strides[b] + (size_t)j * box->strides[a];
+            float before = 0;
+            for (int i = 0; i < count; i++, line += step) {
+                float own = *line, after = i + 1 < count ? line[step] : 0.0f;
+                *line = 0.25f * (before + after) + 0.5f * own;
+                before = own;
+            }
+        }
+}
+
+static void sbi_field_filter(const sbi_field_box *box, float *values)
+{
+    for (int n = 0; n < box->def->smoothing; n++)
+        for (int axis = 0; axis < 3; axis++)
+            sbi_field_filter_axis(box, values, axis);
+}
+
+/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
+static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
+{
+    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    float sum = 0;
+    int count = 0;
+    for (int axis = 0; axis < 3; axis++)
+        for (int side = -1; side <= 1; side += 2) {
+            int next[3];
+            memcpy(next, at, sizeof next);
+            next[axis] += side;
+            if (next[axis] < 0 || next[axis] >= box->counts[axis] ||
+                sbi_field_inside(box, next[0], next[1], next[2]) == inside)
+                continue;
+            sum += fabsf((side < 0 ? *(value - box->strides[axis]) : value[box->strides[axis]]) - level);
+            count++;
+        }
+    return count ? sum / (float)count : own;
+}
+
+/* Fills in the values, 0 where what was filtered has the level; puts every voxel on its side, and not quite on the
+ * surface: a triangle needs some size. */
+static void sbi_field_hold(sbi_field_box *box, float level)
+{
+    const float least = 0.01f;
+    size_t n = 0;
+    int at[3];
+    box->held = 0;
+    for (at[2] = 0; at[2] < box->counts[2]; at[2]++)
+        for (at[1] = 0; at[1] < box->counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < box->counts[0]; at[0]++, n++) {
+                float value = box->filtered[n] - level, size = fabsf(value);
+                int inside = sbi_field_inside(box, at[0], at[1], at[2]);
+                if (inside != (value > 0)) {
+                    size = sbi_field_opposite(box, at, inside, level, size);
+                    box->held++;
+                }
+                size = size > least ? size : least;
+                box->values[n] = inside ? size : -size;
+            }
+}
+
+/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the filter's
+ * width, which GG has sqrt(2) times: with these weights the two cancel. */
+static void sbi_field_make(sbi_field_box *box)
+{
+    const float once = 3.41421356f, twice = 2.41421356f; /* 2 + sqrt(2), 1 + sqrt(2) */
+    size_t n = 0, size = sbi_field_size(box);
+    for (int k = 0; k < box->counts[2]; k++)
+        for (int j = 0; j < box->counts[1]; j++)
+            for (int i = 0; i < box->counts[0]; i++)
+                box->filtered[n++] = (float)sbi_field_inside(box, i, j, k);
+    sbi_field_filter(box, box->filtered);
+    memcpy(box->values, box->filtered, size * sizeof *box->values);
+    sbi_field_filter(box, box->values);
+    for (n = 0; n < size; n++)
+        box->filtered[n] = once * box->filtered[n] - twice * box->values[n] - 0.5f;
+}
+
+/* ==== marching cubes ==================================================================================
+ * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other two
+ * axes, the next one first (x: y z, y: z x, z: x y). */
+
+enum { SBI_CUBE_EDGES = 12, SBI_CUBE_FACES = 6 };
+
+/* The corners of each face, round it as seen from outside the cube, and the edges between them. */
+typedef struct sbi_cube_face {
+    unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
+} sbi_cube_face;
+
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
+    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+
+/* Lower corner and axis of an edge. */
+static int sbi_cube_edge_axis(int edge) { return edge / 4; }
+static int sbi_cube_edge_corner(int edge)
+{
+    int axis = edge / 4, first = (axis + 1) % 3, second = (axis + 2) % 3;
+    return (edge & 1) << first | (edge >> 1 & 1) << second;
+}
+
+typedef struct sbi_march {
+    sbi_field_box *box;
+    sbi_image_frame frame;
+    int mirrored;       /* the axes are left-handed: triangles turn round */
+    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;     /* NULL while they are counted */
+    int *triangles;
+    int64_t node_count, triangle_count;
+} sbi_march;
+
+/* The value's place in space, moved by a share along an axis. */
+static sb_vec3 sbi_march_point(const sbi_march *march, const int at[3], int axis, sb_real share)
+{
+    sb_real x[3];
+    for (int k = 0; k < 3; k++)
+        x[k] = (sb_real)(march->box->low[k] + at[k]) + (k == axis ? share : 0);
+    return sb_v3_add(march->frame.origin, sb_m3_apply(march->frame.axes, sb_v3(x[0], x[1], x[2])));
+}
+
+static void sbi_march_node(sbi_march *march, sb_vec3 point)
+{
+    if (march->nodes)
+        march->nodes[march->node_count] = point;
+    march->node_count++;
+}
+
+/* Nodes on the edges from value (i, j, k) on: where the value is 0, but not at an end. */
+static void sbi_march_edges(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const sb_real rim = (sb_real)0.02; /* what is nearer to an end makes triangles too small to be of use */
+    size_t place = (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    size_t row = (size_t)at[0] + (size_t)at[1] * box->strides[1];
+    float own = box->values[place];
+    for (int axis = 0; axis < 3; axis++) {
+        int *node = &march->rows[axis][at[2] & 1][row];
+        float other;
+        sb_real share;
+        *node = -1;
+        if (at[axis] + 1 >= box->counts[axis])
+            continue;
+        other = box->values[place + box->strides[axis]];
+        if ((own > 0) == (other > 0))
+            continue;
+        share = (sb_real)own / ((sb_real)own - (sb_real)other);
+        share = share < rim ? rim : share > 1 - rim ? 1 - rim : share;
+        *node = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+        sbi_march_node(march, sbi_march_point(march, at, axis, share));
+    }
+}
+
+static void sbi_march_triangle(sbi_march *march, int a, int b, int c)
+{
+    if (march->triangles) {
+        int *triangle = march->triangles + 3 * march->triangle_count;
+        triangle[0] = a;
+        triangle[1] = march->mirrored ? b : c;
+        triangle[2] = march->mirrored ? c : b;
+    }
+    march->triangle_count++;
+}
+
+/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose corners
+ * alternate each corner inside is cut off by itself. */
+static void sbi_cube_link(int inside, signed char next[SBI_CUBE_EDGES])
+{
+    memset(next, -1, SBI_CUBE_EDGES);
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        const sbi_cube_face *face = &sbi_cube_faces[f];
+        for (int i = 0; i < 4; i++) {
+            int end = i;
+            /* from the edge where the way round the face leaves the inside, back to where it entered */
+            if (!(inside >> face->corners[i] & 1) || (inside >> face->corners[(i + 1) % 4] & 1))
+                continue;
+            while (inside >> face->corners[(end + 3) % 4] & 1)
+                end = (end + 3) % 4;
+            next[face->edges[i]] = (signed char)face->edges[(end + 3) % 4];
+        }
+    }
+}
+
+/* 1 when two edges of the cube lie on one face. */
+static int sbi_cube_share_face(int a, int b)
+{
+    for (int f = 0; f < SBI_CUBE_FACES; f++) {
+        int found = 0;
+        for (int i = 0; i < 4; i++)
+            found += sbi_cube_faces[f].edges[i] == a || sbi_cube_faces[f].edges[i] == b;
+        if (found == 2)
+            return 1;
+    }
+    return 0;
+}
+
+/* Node on an edge of the cube at (i, j, k). */
+static int sbi_march_edge_node(const sbi_march *march, const int at[3], int edge)
+{
+    int corner = sbi_cube_edge_corner(edge);
+    size_t row = (size_t)(at[0] + (corner & 1)) + (size_t)(at[1] + (corner >> 1 & 1)) * march->box->strides[1];
+    return march->rows[sbi_cube_edge_axis(edge)][(at[2] + (corner >> 2)) & 1][row];
+}
+
+/* Fills a loop with triangles. */
+static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, int count)
+{
+    int centre = (int)(march->node_count < INT_MAX ? march->node_count : 0);
+    sb_vec3 middle = sb_v3(0, 0, 0);
+    if (count == 3) {
+        sbi_march_triangle(march, loop[0], loop[1], loop[2]);
+        return;
+    }
+    for (int start = 0; count == 4 && start < 2; start++)
+        if (!sbi_cube_share_face(edges[start], edges[start + 2])) {
+            sbi_march_triangle(march, loop[start], loop[start + 1], loop[start + 2]);
+            sbi_march_triangle(march, loop[start + 2], loop[(start + 3) % 4], loop[start]);
+            return;
+        }
+    for (int i = 0; i < count; i++) {
+        if (march->nodes)
+            middle = sb_v3_add(middle, march->nodes[loop[i]]);
+        sbi_march_triangle(march, loop[i], loop[(i + 1) % count], centre);
+    }
+    sbi_march_node(march, sb_v3_scale((sb_real)1 / (sb_real)count, middle));
+}
+
+static void sbi_march_cube(sbi_march *march, const int at[3])
+{
+    const sbi_field_box *box = march->box;
+    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    signed char next[SBI_CUBE_EDGES];
+    int inside = 0;
+    for (int c = 0; c < 8; c++)
+        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+                  << c;
+    if (inside == 0 || inside == 255)
+        return;
+    sbi_cube_link(inside, next);
+    for (int first = 0; first < SBI_CUBE_EDGES; first++) {
+        int edges[SBI_CUBE_EDGES], loop[SBI_CUBE_EDGES], count = 0;
+        for (int edge = first; next[edge] >= 0;) {
+            int follows = next[edge];
+            next[edge] = -1;
+            edges[count] = edge;
+            loop[count++] = sbi_march_edge_node(march, at, edge);
+            edge = follows;
+        }
+        if (count)
+            sbi_march_loop(march, edges, loop, count);
+    }
+}
+
+/* One pass: counts nodes and triangles, or writes them. */
+static void sbi_march_run(sbi_march *march)
+{
+    const int *counts = march->box->counts;
+    int at[3];
+    march->node_count = march->triangle_count = 0;
+    for (int layer = 0; layer < counts[2]; layer++) {
+        at[2] = layer;
+        for (at[1] = 0; at[1] < counts[1]; at[1]++)
+            for (at[0] = 0; at[0] < counts[0]; at[0]++)
+                sbi_march_edges(march, at);
+        at[2] = layer - 1;
+        for (at[1] = 0; at[1] + 1 < counts[1] && layer > 0; at[1]++)
+            for (at[0] = 0; at[0] + 1 < counts[0]; at[0]++)
+                sbi_march_cube(march, at);
+    }
+}
+
+/* ==== the surface ===================================================================================== */
+
+static sb_result sbi_label_check(const sb_label_def *def, sb_error *error)
+{
+    if (def->cookie != SBI_LABEL_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def does not come from sb_default_label_def()");
+    if (def->label_count < 0 || (def->label_count > 0 && !def->labels))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "labels: %d of them, at %s", def->label_count,
+                        def->labels ? "an array" : "NULL");
+    if (def->smoothing < 0 || def->smoothing > SB_LABEL_MAX_SMOOTHING)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "smoothing is %d: it must be in [0, %d]", def->smoothing,
+                        SB_LABEL_MAX_SMOOTHING);
+    return sb_image_check(def->image, error);
+}
+
+/* m^3 that the triangles enclose, measured from their first node: far from 0 digits would be lost. */
+static sb_real sbi_label_volume(const sb_mesh *mesh)
+{
+    double sum = 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *c = mesh->elements + 3 * (size_t)e;
+        sb_vec3 a = sb_v3_sub(mesh->nodes[c[0]], mesh->nodes[0]), b = sb_v3_sub(mesh->nodes[c[1]], mesh->nodes[0]);
+        sum += (double)sb_v3_dot(a, sb_v3_cross(b, sb_v3_sub(mesh->nodes[c[2]], mesh->nodes[0])));
+    }
+    return (sb_real)(sum / 6);
+}
+
+static sb_real sbi_label_voxel_volume(const sb_image *image, int voxels)
+{
+    sb_vec3 s = image->spacing;
+    return (sb_real)voxels * s.x * s.y * s.z * (sb_real)fabs((double)sb_m3_det(image->direction));
+}
+
+static sb_result sbi_label_no_memory(sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the image's surface");
+}
+
+/* Counts what is marched and takes memory for it. */
+static sb_result sbi_label_reserve(sbi_march *march, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+{
+    sbi_march_run(march);
+    if (march->node_count > INT_MAX || march->triangle_count > INT_MAX / 3)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the surface has %lld nodes and %lld triangles: too many",
+                        (long long)march->node_count, (long long)march->triangle_count);
+    memset(mesh, 0, sizeof *mesh);
+    mesh->allocator = *allocator;
+    mesh->element_type = SB_TRI3;
+    mesh->node_count = (int)march->node_count;
+    mesh->element_count = (int)march->triangle_count;
+    mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(sb_vec3));
+    mesh->elements = (int *)sbi_alloc(allocator, (size_t)mesh->element_count, 3 * sizeof(int));
+    if (!mesh->nodes || !mesh->elements) {
+        sb_mesh_free(mesh);
+        return sbi_label_no_memory(error);
+    }
+    march->nodes = mesh->nodes;
+    march->triangles = mesh->elements;
+    return SB_OK;
+}
+
+/* m^3 inside the surface of the level, which is written to the mesh. Which nodes and triangles there are depends on the
+ * labels only. */
+static sb_real sbi_label_set_level(sbi_march *march, float level, const sb_mesh *mesh)
+{
+    sbi_field_hold(march->box, level);
+    sbi_march_run(march);
+    return sbi_label_volume(mesh);
+}
+
+/* Finds the level at which the volume is that of the voxels, by false position (Illinois). Where none within the bounds
+ * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's sake. */
+static void sbi_label_fit_volume(sbi_march *march, sb_real wanted, const sb_mesh *mesh)
+{
+    const float bound = 0.125f;
+    const sb_real close = (sb_real)1e-4 * wanted;
+    float a = 0, b, level = 0;
+    sb_real error_a = sbi_label_set_level(march, a, mesh) - wanted, error_b, found = error_a;
+    if ((sb_real)fabs((double)error_a) <= close)
+        return;
+    b = error_a < 0 ? -bound : bound;
+    error_b = sbi_label_set_level(march, b, mesh) - wanted;
+    if ((error_a < 0) == (error_b < 0)) {
+        if (fabs((double)error_b) > fabs((double)error_a))
+            sbi_label_set_level(march, a, mesh);
+        return;
+    }
+    for (int i = 0; i < 8 && (sb_real)fabs((double)found) > close; i++) {
+        level = (float)(((sb_real)a * error_b - (sb_real)b * error_a) / (error_b - error_a));
+        found = sbi_label_set_level(march, level, mesh) - wanted;
+        if ((found < 0) == (error_b < 0)) {
+            b = level;
+            error_b = found;
+            error_a /= 2;
+        } else {
+            a = b;
+            error_a = error_b;
+            b = level;
+            error_b = found;
+        }
+    }
+}
+
+/* The mesh from the box, for which there is memory but for the two layers of edges. */
+static sb_result sbi_label_surface(sbi_field_box *box, sb_real volume, sb_mesh *mesh, sb_error *error)
+{
+    const sb_allocator *allocator = &box->def->allocator;
+    size_t layer = box->strides[2];
+    sbi_march march;
+    int *rows;
+    sb_result result;
+    memset(&march, 0, sizeof march);
+    march.box = box;
+    march.frame = sbi_image_get_frame(box->def->image);
+    march.mirrored = sb_m3_det(box->def->image->direction) < 0;
+    rows = (int *)sbi_alloc(allocator, layer, 6 * sizeof *rows);
+    if (!rows)
+        return sbi_label_no_memory(error);
+    for (size_t i = 0; i < 6; i++)
+        march.rows[i / 2][i % 2] = rows + i * layer;
+    sbi_field_make(box);
+    sbi_field_hold(box, 0);
+    result = sbi_label_reserve(&march, allocator, mesh, error);
+    if (!result)
+        sbi_label_fit_volume(&march, volume, mesh);
+    sbi_free(allocator, rows);
+    return result;
+}
+
+SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error)
+{
+    sbi_field_box box;
+    sb_mesh made;
+    sb_real volume;
+    sb_result result;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    result = sbi_label_check(def, error);
+    memset(&box, 0, sizeof box);
+    box.def = def;
+    if (!result)
+        result = sbi_field_measure(&box, error);
+    if (result)
+        return result;
+    volume = sbi_label_voxel_volume(def->image, box.voxels);
+    box.filtered = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.filtered);
+    box.values = (float *)sbi_alloc(&def->allocator, sbi_field_size(&box), sizeof *box.values);
+    result = box.filtered && box.values ? sbi_label_surface(&box, volume, &made, error) : sbi_label_no_memory(error);
+    sbi_free(&def->allocator, box.filtered);
+    sbi_free(&def->allocator, box.values);
+    if (result)
+        return result;
+    if (report) {
+        report->voxels = box.voxels;
+        report->voxel_volume = volume;
+        report->volume = sbi_label_volume(&made);
+        report->held_voxels = box.held;
+    }
+    *mesh = made;
+    return SB_OK;
+}
+
+/* ==== regions ========================================================================================= */
+
+/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none has. */
+static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
+{
+    sb_real nearest = SB_REAL_MAX;
+    int found = 0;
+    for (int n = 0; n < 125; n++) {
+        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
+        sb_real distance = sb_v3_norm(step);
+        if (label != 0 && distance < nearest) {
+            found = label;
+            nearest = distance;
+        }
+    }
+    return found;
+}
+
+/* Label of an element: of most points of the sample; the first of those that are met equally often. */
+static int sbi_label_of_element(const sb_image *image, const sbi_image_frame *frame, const sb_mesh *mesh, int element)
+{
+    enum { MAX_SAMPLE = 64 };
+    int width = sb_mesh_element_width(mesh), found[MAX_SAMPLE], count = 0, best = 0, best_votes = 0;
+    const int *nodes = mesh->elements + (size_t)element * (size_t)width;
+    sb_vec3 centre = sb_v3(0, 0, 0);
+    for (int i = 0; i < width; i++)
+        centre = sb_v3_add(centre, sb_v3_scale((sb_real)1 / (sb_real)width, mesh->nodes[nodes[i]]));
+    for (int i = -1; i < width && count < MAX_SAMPLE; i++) {
+        sb_vec3 to = i < 0 ? centre : mesh->nodes[nodes[i]];
+        int label = sbi_image_lookup(image, frame, sb_v3_scale((sb_real)0.5, sb_v3_add(centre, to)));
+        if (label != 0)
+            found[count++] = label;
+    }
+    for (int i = 0; i < count; i++) {
+        int votes = 0;
+        for (int k = 0; k < count; k++)
+            votes += found[k] == found[i];
+        if (votes > best_votes) {
+            best = found[i];
+            best_votes = votes;
+        }
+    }
+    return count ? best : sbi_label_near(image, frame, centre);
+}
+
+SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error)
+{
+    sbi_image_frame frame;
+    sb_result result;
+    if (!image || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", image ? "mesh" : "image");
+    result = sb_image_check(image, error);
+    if (!result)
+        result = sbi_mesh_check_arrays(mesh, error);
+    if (result)
+        return result;
+    if (!mesh->regions) {
+        mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
+        if (!mesh->regions)
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+    }
+    frame = sbi_image_get_frame(image);
+    for (int e = 0; e < mesh->element_count; e++)
+        mesh->regions[e] = sbi_label_of_element(image, &frame, mesh, e);
+    return SB_OK;
+}
+
 /* ==== src/softbody/geometry/surface_tree.h ==== */
 /* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
 #ifndef SBI_SURFACE_TREE_H
@@ -18136,6 +20196,62 @@ SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum);
 SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *allocator, sb_surface_place *crossings,
                                        sb_surface_place *crowds, unsigned char *crossing);
 #endif
+
+/* ---- what closest points and rays share ---------------------------------------------------------------------- */
+
+/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
+typedef struct sbi_surface_spot {
+    sb_real square, v, w;
+    int feature, index;
+} sbi_surface_spot;
+
+SB_INLINE sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
+{
+    sbi_surface_spot spot;
+    spot.square = 0;
+    spot.v = v;
+    spot.w = w;
+    spot.feature = feature;
+    spot.index = index;
+    return spot;
+}
+
+/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
+SB_INLINE uint64_t sbi_surface_visit(float square, int child)
+{
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    return (uint64_t)bits << 32 | (uint32_t)child;
+}
+SB_INLINE float sbi_surface_visit_square(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)(visit >> 32);
+    float square;
+    memcpy(&square, &bits, sizeof square);
+    return square;
+}
+SB_INLINE int sbi_surface_visit_child(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)visit;
+    int child;
+    memcpy(&child, &bits, sizeof child);
+    return child;
+}
+
+/* Farthest point, in local units, that is looked at: its squares are finite. */
+SB_INLINE sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
+
+/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
+SB_INLINE sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
+{
+    sb_real d[3];
+    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
+    return sbi_dense_max_abs(d, 3);
+}
+
+SBI_API void sbi_surface_miss(sb_surface_hit *hit);
+/* Place, point and weights of a spot. */
+SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit);
 
 #endif /* SBI_SURFACE_TREE_H */
 
@@ -19104,27 +21220,136 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
         *high = surface ? surface->high : sb_v3(0, 0, 0);
 }
 
+/* ==== src/softbody/geometry/surface_winding.c ==== */
+/* surface_winding: winding numbers of points, exact and by clusters. */
+
+/* ---- winding number ------------------------------------------------------------------------------------------ */
+
+static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
+{
+    double size = (re < 0 ? -re : re) + (im < 0 ? -im : im), x, y;
+    if (!(size > 0))
+        return; /* the point is a corner, or 0 times infinity */
+    re /= size;
+    im /= size;
+    x = sum->re * re - sum->im * im;
+    y = sum->re * im + sum->im * re;
+    if (sum->im >= 0 && im >= 0 && y < 0)
+        sum->turns++;
+    if (sum->im < 0 && im < 0 && y > 0)
+        sum->turns--;
+    sum->re = x;
+    sum->im = y;
+    if (x * x + y * y < 1e-100) {
+        sum->re *= 1e100;
+        sum->im *= 1e100;
+    }
+}
+
+/* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
+SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
+{
+    sb_vec3 a, b, c;
+    double la, lb, lc;
+    a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
+    la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
+    sbi_surface_angle_add(sum,
+                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
+                              (double)sb_v3_dot(c, a) * lb,
+                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+}
+
+SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
+{
+    return (double)sum->turns + sbi_dense_atan2(sum->im, sum->re) / 6.283185307179586;
+}
+
+/* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
+ * 9); near[k] > 0 where the child is closer than twice its radius, and its number means nothing. */
+static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
+                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
+{
+    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
+    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
+        float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
+        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
+        float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
+                      2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
+        number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
+        near[k] = reach - square;
+    }
+}
+
+SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+{
+    sbi_surface_angle angle = sbi_surface_angle_zero();
+    float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];
+    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0, count;
+    double far = 0;
+    sbi_surface_to_local(s, eye, p);
+    stack[top++] = 0;
+    while (top > 0) {
+        int child = stack[--top];
+        if (child < 0) {
+            const sbi_surface_leaf *leaf = s->leaf + ~child;
+            for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
+                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
+                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
+            continue;
+        }
+        sbi_surface_far_fields(s->cluster + child, p, number, near);
+        count = sbi_surface_child_count(s->tree + child);
+        for (int k = 0; k < count; k++) {
+            if (near[k] < 0)
+                far += (double)number[k];
+            else
+                stack[top++] = s->tree[child].child[k];
+        }
+    }
+    return far + sbi_surface_angle_turns(&angle);
+}
+
+/* Scales a point; 0 where a surface has no winding number to speak of. */
+static int sbi_surface_eye(const sb_surface *s, sb_vec3 point, sb_vec3 *eye)
+{
+    if (!s)
+        return 0;
+    *eye = sb_v3_scale(s->scale, point);
+    return sbi_surface_far(s, *eye) <= (sb_real)SBI_SURFACE_FAR;
+}
+
+SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point)
+{
+    sb_vec3 eye;
+    return sbi_surface_eye(surface, point, &eye) ? (sb_real)sbi_surface_winding(surface, eye) : 0;
+}
+
+SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point)
+{
+    sbi_surface_angle angle = sbi_surface_angle_zero();
+    sb_vec3 eye;
+    if (!sbi_surface_eye(surface, point, &eye))
+        return 0;
+    for (int t = 0; t < surface->triangle_count; t++) {
+        sb_vec3 x[3];
+        sbi_surface_corners(surface, t, x);
+        if (surface->shape[t] != SBI_SURFACE_FLAT)
+            sbi_surface_angle_of(x, eye, &angle);
+    }
+    return (sb_real)sbi_surface_angle_turns(&angle);
+}
+
+SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
+{
+    return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
+}
+
 /* ==== src/softbody/geometry/surface_query.c ==== */
-/* surface_query: closest point, signed distance, winding number and rays on the tree of surface.c. */
+/* surface_query: closest points, signed distances; batches of all queries. */
 
 /* ---- the closest point of a triangle ------------------------------------------------------------------------- */
-
-/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
-typedef struct sbi_surface_spot {
-    sb_real square, v, w;
-    int feature, index;
-} sbi_surface_spot;
-
-static sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
-{
-    sbi_surface_spot spot;
-    spot.square = 0;
-    spot.v = v;
-    spot.w = w;
-    spot.feature = feature;
-    spot.index = index;
-    return spot;
-}
 
 /* Square of p - v ab - w ac: the offset of the point from its place on the triangle. */
 static sb_real sbi_surface_spot_square(const sbi_surface_spot *spot, sb_vec3 p, sb_vec3 ab, sb_vec3 ac)
@@ -19398,28 +21623,6 @@ static void sbi_surface_search_leaf(const sb_surface *s, const sbi_surface_leaf 
     }
 }
 
-/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
-static uint64_t sbi_surface_visit(float square, int child)
-{
-    uint32_t bits;
-    memcpy(&bits, &square, sizeof bits);
-    return (uint64_t)bits << 32 | (uint32_t)child;
-}
-static float sbi_surface_visit_square(uint64_t visit)
-{
-    uint32_t bits = (uint32_t)(visit >> 32);
-    float square;
-    memcpy(&square, &bits, sizeof square);
-    return square;
-}
-static int sbi_surface_visit_child(uint64_t visit)
-{
-    uint32_t bits = (uint32_t)visit;
-    int child;
-    memcpy(&child, &bits, sizeof child);
-    return child;
-}
-
 SBI_FORCE_INLINE void sbi_surface_order(uint64_t *far, uint64_t *near)
 {
     uint64_t a = *far, b = *near;
@@ -19477,17 +21680,6 @@ static void sbi_surface_search_tree(const sb_surface *s, sbi_surface_search *q)
     sbi_surface_try_kept(s, q);
 }
 
-/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
-static sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
-{
-    sb_real d[3];
-    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
-    return sbi_dense_max_abs(d, 3);
-}
-
-/* Farthest point, in local units, that is looked at: its squares are finite. */
-static sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
-
 /* Finds the closest triangle within the square distance q->best.square, which the caller has set. */
 static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_surface_search *q)
 {
@@ -19514,15 +21706,14 @@ static void sbi_surface_find(const sb_surface *s, sb_vec3 point, int hint, sbi_s
 
 static sb_real sbi_surface_infinity(void) { return (sb_real)INFINITY; }
 
-static void sbi_surface_miss(sb_surface_hit *hit)
+SBI_API void sbi_surface_miss(sb_surface_hit *hit)
 {
     memset(hit, 0, sizeof *hit);
     hit->triangle = hit->element = -1;
     hit->distance = sbi_surface_infinity();
 }
 
-/* Place, point and weights of a spot. */
-static void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit)
+SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit)
 {
     sb_vec3 x[3], point;
     sbi_surface_corners(s, triangle, x);
@@ -19674,128 +21865,123 @@ SB_API sb_real sb_surface_signed_distance_winding(const sb_surface *surface, sb_
     return sbi_surface_distance(surface, point, 1, &triangle, hit);
 }
 
-/* ---- winding number ------------------------------------------------------------------------------------------ */
+/* ---- batches ------------------------------------------------------------------------------------------------- */
 
-static void sbi_surface_angle_add(sbi_surface_angle *sum, double re, double im)
+typedef struct sbi_surface_batch {
+    const sb_surface *surface;
+    const sb_vec3 *points;
+    int count, by_winding;
+    sb_real max_distance;
+    sb_real *numbers;
+    sb_surface_hit *hits;
+    unsigned char *inside;
+} sbi_surface_batch;
+
+/* Points come in blocks; within one, the last triangle found is the first guess for the next point. */
+static void sbi_surface_closest_task(void *user, int block)
 {
-    double size = (re < 0 ? -re : re) + (im < 0 ? -im : im), x, y;
-    if (!(size > 0))
-        return; /* the point is a corner, or 0 times infinity */
-    re /= size;
-    im /= size;
-    x = sum->re * re - sum->im * im;
-    y = sum->re * im + sum->im * re;
-    if (sum->im >= 0 && im >= 0 && y < 0)
-        sum->turns++;
-    if (sum->im < 0 && im < 0 && y > 0)
-        sum->turns--;
-    sum->re = x;
-    sum->im = y;
-    if (x * x + y * y < 1e-100) {
-        sum->re *= 1e100;
-        sum->im *= 1e100;
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++) {
+        sb_surface_hit *hit = batch->hits + i;
+        if (sb_surface_closest_from(batch->surface, batch->points[i], batch->max_distance, triangle, hit))
+            triangle = hit->triangle;
     }
 }
 
-/* Van Oosterom, Strackee 1983: its tangent from the corners relative to the eye. */
-SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_angle *sum)
+static void sbi_surface_distance_task(void *user, int block)
 {
-    sb_vec3 a, b, c;
-    double la, lb, lc;
-    a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
-    la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
-    sbi_surface_angle_add(sum,
-                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
-                              (double)sb_v3_dot(c, a) * lb,
-                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    int triangle = -1;
+    for (int i = begin; i < end; i++)
+        batch->numbers[i] = sbi_surface_distance(batch->surface, batch->points[i], batch->by_winding, &triangle,
+                                                 batch->hits ? batch->hits + i : NULL);
 }
 
-SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
+static void sbi_surface_winding_task(void *user, int block)
 {
-    return (double)sum->turns + sbi_dense_atan2(sum->im, sum->re) / 6.283185307179586;
-}
-
-/* Winding numbers of a node's four children as seen from far: dipole and first moment (Barill et al. 2018, eqs. 7 to
- * 9); near[k] > 0 where the child is closer than twice its radius, and its number means nothing. */
-static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const float p[3],
-                                   float number[SBI_SURFACE_WIDTH], float near[SBI_SURFACE_WIDTH])
-{
-    const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
-    for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
-        float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
-        float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
-        float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
-                      2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
-        number[k] = (dipole + trace - 3.0f * twist * inverse) * cube * 0.079577472f; /* 1 / (4 pi) */
-        near[k] = reach - square;
+    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
+    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
+    for (int i = begin; i < end; i++) {
+        sb_real number = sb_surface_winding_number(batch->surface, batch->points[i]);
+        if (batch->numbers)
+            batch->numbers[i] = number;
+        else
+            batch->inside[i] = number >= (sb_real)0.5;
     }
 }
 
-SBI_API double sbi_surface_winding(const sb_surface *s, sb_vec3 eye)
+static void sbi_surface_run_batch(sbi_surface_batch *batch, sb_task task, const sb_jobs *jobs)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    float p[3], number[SBI_SURFACE_WIDTH], near[SBI_SURFACE_WIDTH];
-    int stack[SBI_SURFACE_STACK + SBI_SURFACE_WIDTH], top = 0, count;
-    double far = 0;
-    sbi_surface_to_local(s, eye, p);
-    stack[top++] = 0;
-    while (top > 0) {
-        int child = stack[--top];
-        if (child < 0) {
-            const sbi_surface_leaf *leaf = s->leaf + ~child;
-            for (int k = 0; k < SBI_SURFACE_WIDTH && leaf->triangle[k] != SBI_SURFACE_NO_TRIANGLE; k++)
-                if (leaf->triangle[k] >= 0 || s->shape[~leaf->triangle[k]] != SBI_SURFACE_FLAT)
-                    sbi_surface_angle_of(s->exact[SBI_SURFACE_WIDTH * ~child + k], eye, &angle);
-            continue;
-        }
-        sbi_surface_far_fields(s->cluster + child, p, number, near);
-        count = sbi_surface_child_count(s->tree + child);
-        for (int k = 0; k < count; k++) {
-            if (near[k] < 0)
-                far += (double)number[k];
-            else
-                stack[top++] = s->tree[child].child[k];
-        }
-    }
-    return far + sbi_surface_angle_turns(&angle);
+    if (batch->surface && batch->points && batch->count > 0)
+        sbi_run(jobs, task, batch, sbi_surface_blocks(batch->count));
 }
 
-/* Scales a point; 0 where a surface has no winding number to speak of. */
-static int sbi_surface_eye(const sb_surface *s, sb_vec3 point, sb_vec3 *eye)
+static sbi_surface_batch sbi_surface_batch_make(const sb_surface *surface, const sb_vec3 *points, int count)
 {
-    if (!s)
-        return 0;
-    *eye = sb_v3_scale(s->scale, point);
-    return sbi_surface_far(s, *eye) <= (sb_real)SBI_SURFACE_FAR;
+    sbi_surface_batch batch;
+    memset(&batch, 0, sizeof batch);
+    batch.surface = surface;
+    batch.points = points;
+    batch.count = count;
+    return batch;
 }
 
-SB_API sb_real sb_surface_winding_number(const sb_surface *surface, sb_vec3 point)
+SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
+                                     sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    sb_vec3 eye;
-    return sbi_surface_eye(surface, point, &eye) ? (sb_real)sbi_surface_winding(surface, eye) : 0;
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.max_distance = max_distance;
+    batch.hits = hits;
+    if (hits)
+        sbi_surface_run_batch(&batch, sbi_surface_closest_task, jobs);
 }
 
-SB_API sb_real sb_surface_winding_number_exact(const sb_surface *surface, sb_vec3 point)
+static void sbi_surface_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count, int by_winding,
+                                       sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    sbi_surface_angle angle = sbi_surface_angle_zero();
-    sb_vec3 eye;
-    if (!sbi_surface_eye(surface, point, &eye))
-        return 0;
-    for (int t = 0; t < surface->triangle_count; t++) {
-        sb_vec3 x[3];
-        sbi_surface_corners(surface, t, x);
-        if (surface->shape[t] != SBI_SURFACE_FLAT)
-            sbi_surface_angle_of(x, eye, &angle);
-    }
-    return (sb_real)sbi_surface_angle_turns(&angle);
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.by_winding = by_winding;
+    batch.numbers = distances;
+    batch.hits = hits;
+    if (distances)
+        sbi_surface_run_batch(&batch, sbi_surface_distance_task, jobs);
 }
 
-SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
+SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
 {
-    return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
+    sbi_surface_distance_batch(surface, points, count, 0, distances, hits, jobs);
 }
+
+SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
+{
+    sbi_surface_distance_batch(surface, points, count, 1, distances, hits, jobs);
+}
+
+SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
+                                            sb_real *numbers, const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.numbers = numbers;
+    if (numbers)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
+                                    const sb_jobs *jobs)
+{
+    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
+    batch.inside = inside;
+    if (inside)
+        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
+}
+
+/* ==== src/softbody/geometry/surface_ray.c ==== */
+/* surface_ray: triangles that a ray meets. */
 
 /* ---- rays ---------------------------------------------------------------------------------------------------- */
 
@@ -20037,121 +22223,6 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     beam.capacity = hits ? sbi_max_int(capacity, 0) : 0;
     sbi_surface_beam_run(surface, &beam);
     return beam.count;
-}
-
-/* ---- batches ------------------------------------------------------------------------------------------------- */
-
-typedef struct sbi_surface_batch {
-    const sb_surface *surface;
-    const sb_vec3 *points;
-    int count, by_winding;
-    sb_real max_distance;
-    sb_real *numbers;
-    sb_surface_hit *hits;
-    unsigned char *inside;
-} sbi_surface_batch;
-
-/* Points come in blocks; within one, the last triangle found is the first guess for the next point. */
-static void sbi_surface_closest_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    int triangle = -1;
-    for (int i = begin; i < end; i++) {
-        sb_surface_hit *hit = batch->hits + i;
-        if (sb_surface_closest_from(batch->surface, batch->points[i], batch->max_distance, triangle, hit))
-            triangle = hit->triangle;
-    }
-}
-
-static void sbi_surface_distance_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    int triangle = -1;
-    for (int i = begin; i < end; i++)
-        batch->numbers[i] = sbi_surface_distance(batch->surface, batch->points[i], batch->by_winding, &triangle,
-                                                 batch->hits ? batch->hits + i : NULL);
-}
-
-static void sbi_surface_winding_task(void *user, int block)
-{
-    const sbi_surface_batch *batch = (const sbi_surface_batch *)user;
-    int begin = block * SBI_SURFACE_BLOCK, end = begin + sbi_min_int(SBI_SURFACE_BLOCK, batch->count - begin);
-    for (int i = begin; i < end; i++) {
-        sb_real number = sb_surface_winding_number(batch->surface, batch->points[i]);
-        if (batch->numbers)
-            batch->numbers[i] = number;
-        else
-            batch->inside[i] = number >= (sb_real)0.5;
-    }
-}
-
-static void sbi_surface_run_batch(sbi_surface_batch *batch, sb_task task, const sb_jobs *jobs)
-{
-    if (batch->surface && batch->points && batch->count > 0)
-        sbi_run(jobs, task, batch, sbi_surface_blocks(batch->count));
-}
-
-static sbi_surface_batch sbi_surface_batch_make(const sb_surface *surface, const sb_vec3 *points, int count)
-{
-    sbi_surface_batch batch;
-    memset(&batch, 0, sizeof batch);
-    batch.surface = surface;
-    batch.points = points;
-    batch.count = count;
-    return batch;
-}
-
-SB_API void sb_surface_closest_batch(const sb_surface *surface, const sb_vec3 *points, int count, sb_real max_distance,
-                                     sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.max_distance = max_distance;
-    batch.hits = hits;
-    if (hits)
-        sbi_surface_run_batch(&batch, sbi_surface_closest_task, jobs);
-}
-
-static void sbi_surface_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count, int by_winding,
-                                       sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.by_winding = by_winding;
-    batch.numbers = distances;
-    batch.hits = hits;
-    if (distances)
-        sbi_surface_run_batch(&batch, sbi_surface_distance_task, jobs);
-}
-
-SB_API void sb_surface_signed_distance_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                             sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_distance_batch(surface, points, count, 0, distances, hits, jobs);
-}
-
-SB_API void sb_surface_signed_distance_winding_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                                     sb_real *distances, sb_surface_hit *hits, const sb_jobs *jobs)
-{
-    sbi_surface_distance_batch(surface, points, count, 1, distances, hits, jobs);
-}
-
-SB_API void sb_surface_winding_number_batch(const sb_surface *surface, const sb_vec3 *points, int count,
-                                            sb_real *numbers, const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.numbers = numbers;
-    if (numbers)
-        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
-}
-
-SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *points, int count, unsigned char *inside,
-                                    const sb_jobs *jobs)
-{
-    sbi_surface_batch batch = sbi_surface_batch_make(surface, points, count);
-    batch.inside = inside;
-    if (inside)
-        sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
 
 /* ==== src/softbody/geometry/surface_crossing.c ==== */
@@ -21488,31 +23559,16 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
     return SB_OK;
 }
 
-/* ==== src/softbody/geometry/stuffing.c ==== */
-/* stuffing: isosurface stuffing with several shapes and graded cells.
- *
- * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
- * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
- * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
- *
- *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
- *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
- *   3. cut       where edges between labels cross the surface, by root finding
- *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
- *   5. stencils  what is still cut falls into tets of one label each
- *
- * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
- * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
- * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
- * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
- * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
- * nothing else that the two tets at the face do not share; so they cut it alike.
- *
- * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
- * prisms and the lengths of warps: own derivation, checked over all patterns. */
+/* ==== src/softbody/geometry/stuffing_private.h ==== */
+/* stuffing_private: the state of a stuffing that its stages hand on. */
+#ifndef SBI_STUFFING_PRIVATE_H
+#define SBI_STUFFING_PRIVATE_H
+
 
 #include <limits.h>
 #include <string.h>
+
+/* ---- stuffing_lattice.c ---- */
 
 #define SBI_STUFF_COOKIE 0x53545546u
 #define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
@@ -21582,16 +23638,137 @@ typedef struct sbi_stuffing {
     int element_count, element_capacity;
 } sbi_stuffing;
 
-SB_API sb_stuff_def sb_default_stuff_def(void)
+SB_INLINE sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
 {
-    sb_stuff_def def;
-    memset(&def, 0, sizeof def);
-    def.type = SB_TET4;
-    def.max_elements = 20000000;
-    def.least_share = (sb_real)0.5;
-    def.cookie = SBI_STUFF_COOKIE;
-    return def;
+    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
+                 s->origin.z + s->half * (sb_real)half[2]);
 }
+
+SB_INLINE size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
+{
+    size_t row = s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1);
+    size_t cell = (size_t)(half[0] >> 1) + row;
+    return 2 * cell + (size_t)(half[0] & 1);
+}
+
+/* Step from a point along one of its own edges. */
+SB_INLINE void sbi_stuffing_step(int edge, int step[3])
+{
+    for (int axis = 0; axis < 3; axis++)
+        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
+}
+
+SB_INLINE int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
+{
+    int odd = half[0] & 1;
+    for (int axis = 0; axis < 3; axis++)
+        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
+            return 0;
+    return 1;
+}
+
+SB_INLINE void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
+{
+    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
+}
+
+SB_INLINE int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
+{
+    return (int)(set->words[index >> 6] >> (index & 63) & 1);
+}
+
+/* Signed distance of a shape; a function of the first one is cut off at its box. The sign of a surface's is that of the
+ * nearest triangle's side: right but where the surface crosses itself. */
+SBI_API sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p);
+/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
+SBI_API sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p);
+/* Whether a surface contains all points within `reach` of one, where it is farther away than that (0: the point alone);
+ * -1: some of them. The winding number of an open surface can hold for inside what lies beyond its box; of the first
+ * shape that is outside. */
+SBI_API int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach);
+/* Largest slope of a shape's function, 0: unknown. */
+SBI_API sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape);
+/* The label that follows from the shapes a point lies in. */
+SBI_API unsigned char sbi_stuffing_label(uint64_t inside);
+SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p);
+/* The shape whose surface separates two labels: the outer one, or the one that wins. */
+SBI_API int sbi_stuffing_separator(int a, int b);
+/* Inverse of sbi_stuffing_index. */
+SBI_API void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3]);
+SBI_API int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set);
+SBI_API void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set);
+/* Numbers the members. 0 when there are more than an int counts. */
+SBI_API int sbi_stuffing_set_number(sbi_stuffing_set *set);
+SBI_API int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index);
+SBI_API sb_result sbi_stuffing_too_many(const sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction);
+/* Runs tasks, one failure record each, and reports the first failure. */
+SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count);
+
+/* ---- stuffing_label.c ---- */
+
+SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s);
+
+/* ---- stuffing_octree.c ---- */
+
+/* Finds the points with an edge to another label. */
+SBI_API sb_result sbi_stuffing_find_surface(sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_grade(sbi_stuffing *s);
+SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s);
+
+/* ---- stuffing_warp.c ---- */
+
+/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
+typedef struct sbi_stuffing_view {
+    const int *nodes;  /* active points */
+    int point[4];
+    int label[4];      /* -1: a zero */
+    int outside;       /* a strict point lies outside: the regions count as one side */
+    int zeros, inner_zeros;
+    int a, b;          /* two different labels among the strict, not outside; -1: none */
+    int more;          /* 1: there are further labels */
+} sbi_stuffing_view;
+
+SBI_API void sbi_stuffing_value_task(void *user, int index);
+SBI_API void sbi_stuffing_cut_task(void *user, int index);
+/* Runs a task over all surface points, in slices that let progress be told. */
+SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to);
+SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v);
+/* Whether a tet has angles within those of the stencils. */
+SBI_API int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4]);
+SBI_API sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4]);
+/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
+ * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
+SBI_API int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4]);
+/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
+ * four zeros near their places make a regular tet. */
+SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s);
+
+/* ---- stuffing_cut.c ---- */
+
+SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s);
+/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
+SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
+
+/* ---- stuffing_boundary.c ---- */
+
+#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
+#define SBI_STUFF_ROUNDS 8
+#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
+#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
+
+/* Brings the boundary close to the surface and tells how close it is. */
+SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
+/* All but the shares. */
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
+
+#endif /* SBI_STUFFING_PRIVATE_H */
+
+/* ==== src/softbody/geometry/stuffing_lattice.c ==== */
+/* stuffing_lattice: the lattice of points, sets of them, distances to the shapes, tasks over them. */
 
 /* ---- shapes ---- */
 
@@ -21602,9 +23779,7 @@ static sb_real sbi_stuffing_beyond_box(const sbi_stuffing *s, sb_vec3 p)
     return sb_max(sb_max(x, y), sb_max(s->low.z - p.z, p.z - s->high.z));
 }
 
-/* Signed distance of a shape; a function of the first one is cut off at its box. The sign of a surface's is that of the
- * nearest triangle's side: right but where the surface crosses itself. */
-static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+SBI_API sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_shape *g = s->def->shapes + shape;
     sb_real value;
@@ -21614,17 +23789,13 @@ static sb_real sbi_stuffing_value(const sbi_stuffing *s, int shape, sb_vec3 p)
     return shape == 0 && sb_is_finite(value) ? sb_max(value, sbi_stuffing_beyond_box(s, p)) : value;
 }
 
-/* The same with the sign of a surface's from its winding number: right wherever that is, at several times the cost. */
-static sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
+SBI_API sb_real sbi_stuffing_sure_value(const sbi_stuffing *s, int shape, sb_vec3 p)
 {
     const sb_shape *g = s->def->shapes + shape;
     return g->surface ? sb_surface_signed_distance_winding(g->surface, p, NULL) : sbi_stuffing_value(s, shape, p);
 }
 
-/* Whether a surface contains all points within `reach` of one, where it is farther away than that (0: the point alone);
- * -1: some of them. The winding number of an open surface can hold for inside what lies beyond its box; of the first
- * shape that is outside. */
-static int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
+SBI_API int sbi_stuffing_encloses(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     sb_real beyond = shape == 0 ? sbi_stuffing_beyond_box(s, p) : -SB_REAL_MAX;
     if (!sb_surface_inside(s->def->shapes[shape].surface, p) || beyond >= reach)
@@ -21637,8 +23808,7 @@ static int sbi_stuffing_is_inside(const sbi_stuffing *s, int shape, sb_vec3 p)
     return s->def->shapes[shape].surface ? sbi_stuffing_encloses(s, shape, p, 0) : sbi_stuffing_value(s, shape, p) < 0;
 }
 
-/* Largest slope of a shape's function, 0: unknown. */
-static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
+SBI_API sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
 {
     const sb_shape *g = s->def->shapes + shape;
     if (g->surface)
@@ -21646,8 +23816,7 @@ static sb_real sbi_stuffing_slope(const sbi_stuffing *s, int shape)
     return shape == 0 && g->max_slope > 0 ? sb_max(g->max_slope, 1) : g->max_slope;
 }
 
-/* The label that follows from the shapes a point lies in. */
-static unsigned char sbi_stuffing_label(uint64_t inside)
+SBI_API unsigned char sbi_stuffing_label(uint64_t inside)
 {
     unsigned char label = 0;
     if (!(inside & 1))
@@ -21657,7 +23826,7 @@ static unsigned char sbi_stuffing_label(uint64_t inside)
     return label;
 }
 
-static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
+SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
 {
     if (!sbi_stuffing_is_inside(s, 0, p))
         return 0;
@@ -21667,29 +23836,14 @@ static unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
     return 1;
 }
 
-/* The shape whose surface separates two labels: the outer one, or the one that wins. */
-static int sbi_stuffing_separator(int a, int b)
+SBI_API int sbi_stuffing_separator(int a, int b)
 {
     return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
 }
 
 /* ---- the lattice ---- */
 
-static sb_vec3 sbi_stuffing_position(const sbi_stuffing *s, const int half[3])
-{
-    return sb_v3(s->origin.x + s->half * (sb_real)half[0], s->origin.y + s->half * (sb_real)half[1],
-                 s->origin.z + s->half * (sb_real)half[2]);
-}
-
-static size_t sbi_stuffing_index(const sbi_stuffing *s, const int half[3])
-{
-    size_t row = s->stride[1] * (size_t)(half[1] >> 1) + s->stride[2] * (size_t)(half[2] >> 1);
-    size_t cell = (size_t)(half[0] >> 1) + row;
-    return 2 * cell + (size_t)(half[0] & 1);
-}
-
-/* Inverse of sbi_stuffing_index. */
-static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
+SBI_API void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int half[3])
 {
     size_t cell = index >> 1;
     int odd = (int)(index & 1);
@@ -21698,25 +23852,9 @@ static void sbi_stuffing_coordinates(const sbi_stuffing *s, size_t index, int ha
     half[2] = 2 * (int)(cell / s->stride[2]) + odd;
 }
 
-/* Step from a point along one of its own edges. */
-static void sbi_stuffing_step(int edge, int step[3])
-{
-    for (int axis = 0; axis < 3; axis++)
-        step[axis] = edge < 3 ? 2 * (edge == axis) : axis == 2 ? 1 : (edge - 3) >> axis & 1 ? 1 : -1;
-}
-
-static int sbi_stuffing_is_in(const sbi_stuffing *s, const int half[3])
-{
-    int odd = half[0] & 1;
-    for (int axis = 0; axis < 3; axis++)
-        if (half[axis] < 0 || half[axis] + odd > 2 * s->n[axis])
-            return 0;
-    return 1;
-}
-
 /* ---- sets ---- */
 
-static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
+SBI_API int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
 {
     set->word_count = s->point_count / 64 + 1;
     set->words = (uint64_t *)sbi_alloc_zeroed(&s->def->allocator, set->word_count, sizeof *set->words);
@@ -21724,20 +23862,10 @@ static int sbi_stuffing_set_make(sbi_stuffing *s, sbi_stuffing_set *set)
     return set->words && set->before;
 }
 
-static void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
+SBI_API void sbi_stuffing_set_free(sbi_stuffing *s, sbi_stuffing_set *set)
 {
     sbi_free(&s->def->allocator, set->words);
     sbi_free(&s->def->allocator, set->before);
-}
-
-static void sbi_stuffing_set_add(sbi_stuffing_set *set, size_t index)
-{
-    set->words[index >> 6] |= (uint64_t)1 << (index & 63);
-}
-
-static int sbi_stuffing_set_has(const sbi_stuffing_set *set, size_t index)
-{
-    return (int)(set->words[index >> 6] >> (index & 63) & 1);
 }
 
 static int sbi_stuffing_bit_count(uint64_t word)
@@ -21748,8 +23876,7 @@ static int sbi_stuffing_bit_count(uint64_t word)
     return (int)(word * 0x0101010101010101u >> 56);
 }
 
-/* Numbers the members. 0 when there are more than an int counts. */
-static int sbi_stuffing_set_number(sbi_stuffing_set *set)
+SBI_API int sbi_stuffing_set_number(sbi_stuffing_set *set)
 {
     int64_t count = 0;
     for (size_t w = 0; w < set->word_count; w++) {
@@ -21762,129 +23889,25 @@ static int sbi_stuffing_set_number(sbi_stuffing_set *set)
     return 1;
 }
 
-static int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
+SBI_API int sbi_stuffing_set_rank(const sbi_stuffing_set *set, size_t index)
 {
     uint64_t below = set->words[index >> 6] & (((uint64_t)1 << (index & 63)) - 1);
     return set->before[index >> 6] + sbi_stuffing_bit_count(below);
 }
 
-/* ---- checks and set-up ---- */
-
-static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
-{
-    const sb_shape *g = def->shapes + shape;
-    if (!g->surface == !g->distance)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
-    if (!sb_is_finite(g->max_slope))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
-    if (g->max_slope < 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
-    return SB_OK;
-}
-
-static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
-{
-    sb_result result = SB_OK;
-    if (!def || !mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
-    if (def->cookie != SBI_STUFF_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
-    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
-                        def->shapes ? def->shape_count : 0);
-    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
-        result = sbi_stuffing_check_shape(def, shape, error);
-    if (result != SB_OK)
-        return result;
-    if (!sb_is_finite(def->cell))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
-    if (!(def->cell > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
-    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels,
-                        SBI_STUFF_MAX_LEVELS);
-    if (def->type != SB_TET4 && def->type != SB_TET10)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
-    if (def->max_elements < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
-    if (!(def->least_share >= 0 && def->least_share <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
-    return SB_OK;
-}
-
-/* Surfaces, and parts of them, that look inward enclose nothing. */
-static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
-{
-    for (int shape = 0; shape < def->shape_count; shape++) {
-        int triangle = -1;
-        if (!def->shapes[shape].surface)
-            continue;
-        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
-        if (triangle >= 0)
-            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
-                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
-                                    "it): sb_surface_repair turns it",
-                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
-    }
-    return SB_OK;
-}
-
-/* Lays the lattice round the first shape, with a cell and a half or more of empty space on each side. */
-static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
-{
-    static const double spread[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703}; /* no two near */
-    const sb_stuff_def *def = s->def;
-    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
-    s->low = def->low;
-    s->high = def->high;
-    if (def->shapes[0].surface)
-        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
-    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
-        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
-    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
-    size[0] = (double)s->high.x - (double)s->low.x;
-    size[1] = (double)s->high.y - (double)s->low.y;
-    size[2] = (double)s->high.z - (double)s->low.z;
-    for (int axis = 0; axis < 3; axis++) {
-        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
-        total *= cells[axis] + 1;
-    }
-    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
-        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
-                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
-                        (double)def->cell, total, def->max_elements);
-    for (int axis = 0; axis < 3; axis++) {
-        s->n[axis] = (int)cells[axis];
-        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
-    }
-    for (int axis = 0; axis < 3 && s->attempt > 0; axis++) {
-        double place = s->attempt * spread[axis];
-        start[axis] += (place - floor(place) - 0.5) * (double)def->cell;
-    }
-    s->half = (sb_real)0.5 * def->cell;
-    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
-    s->stride[0] = 1;
-    s->stride[1] = (size_t)s->n[0] + 1;
-    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
-    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
-    return SB_OK;
-}
-
-static sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_too_many(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_ARGUMENT, "cells of %g m make more than max_elements (%d) elements",
                     (double)s->def->cell, s->def->max_elements);
 }
 
-static sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_no_memory(const sbi_stuffing *s)
 {
     return sbi_fail(s->error, SB_ERROR_MEMORY, "out of memory for a lattice of %d x %d x %d cells", s->n[0], s->n[1],
                     s->n[2]);
 }
 
-static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
+SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
     *s->told = fraction > *s->told ? fraction : *s->told;
     if (s->def->progress && s->def->progress(s->def->progress_user, *s->told))
@@ -21892,8 +23915,7 @@ static sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
     return SB_OK;
 }
 
-/* Runs tasks, one failure record each, and reports the first failure. */
-static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
+SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
 {
     for (int i = 0; i < count; i++)
         s->failures[i].shape = -1;
@@ -21906,6 +23928,9 @@ static sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
         }
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/stuffing_label.c ==== */
+/* stuffing_label: 1. the shape that each point of the lattice lies in. */
 
 /* ---- 1. labels ---- */
 
@@ -22035,7 +24060,7 @@ static void sbi_stuffing_label_task(void *user, int index)
     sbi_stuffing_label_cube(s, cube, s->failures + index);
 }
 
-static sb_result sbi_stuffing_sample(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
 {
     int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
     sb_result result = SB_OK;
@@ -22052,10 +24077,12 @@ static sb_result sbi_stuffing_sample(sbi_stuffing *s)
     return result;
 }
 
+/* ==== src/softbody/geometry/stuffing_octree.c ==== */
+/* stuffing_octree: 2. cells merge away from changes of label; the tets between their centres and edges. */
+
 /* ---- 2. octree and tets ---- */
 
-/* Finds the points with an edge to another label. */
-static sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_find_surface(sbi_stuffing *s)
 {
     ptrdiff_t offset[2][SBI_STUFF_EDGES];
     size_t begin = 2 * (s->stride[2] + s->stride[1] + 1), end = s->point_count - begin;
@@ -22166,7 +24193,7 @@ static void sbi_stuffing_balance(sbi_stuffing *s, int level)
             }
 }
 
-static sb_result sbi_stuffing_grade(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_grade(sbi_stuffing *s)
 {
     for (int level = 1; level <= s->def->levels; level++) {
         size_t count = (size_t)(s->n[0] >> level) * (size_t)(s->n[1] >> level) * (size_t)(s->n[2] >> level);
@@ -22355,7 +24382,7 @@ static void sbi_stuffing_place_points(sbi_stuffing *s)
     }
 }
 
-static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
 {
     const sb_allocator *allocator = &s->def->allocator;
     size_t shapes = (size_t)s->def->shape_count, points;
@@ -22382,6 +24409,9 @@ static sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/stuffing_warp.c ==== */
+/* stuffing_warp: 3. and 4. cuts of edges between labels, points moved onto them, a manifold boundary. */
+
 /* ---- 3. cuts ---- */
 
 /* The surface point at the other end of an edge of a surface point; own 1: one it owns. -1 when there is none. */
@@ -22398,7 +24428,7 @@ static int sbi_stuffing_neighbour(const sbi_stuffing *s, const sbi_stuffing_poin
     return sbi_stuffing_set_has(&s->surface, index) ? sbi_stuffing_set_rank(&s->surface, index) : -1;
 }
 
-static void sbi_stuffing_value_task(void *user, int index)
+SBI_API void sbi_stuffing_value_task(void *user, int index)
 {
     sbi_stuffing *s = (sbi_stuffing *)user;
     int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
@@ -22496,7 +24526,7 @@ static sb_real sbi_stuffing_cut_at(const sbi_stuffing *s, int i, int j, sbi_stuf
     return t;
 }
 
-static void sbi_stuffing_cut_task(void *user, int index)
+SBI_API void sbi_stuffing_cut_task(void *user, int index)
 {
     sbi_stuffing *s = (sbi_stuffing *)user;
     int begin = s->first + index * SBI_STUFF_CHUNK, end = sbi_min_int(begin + SBI_STUFF_CHUNK, s->surface.count);
@@ -22513,8 +24543,7 @@ static void sbi_stuffing_cut_task(void *user, int index)
         }
 }
 
-/* Runs a task over all surface points, in slices that let progress be told. */
-static sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
+SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double from, double to)
 {
     sb_result result = SB_OK;
     for (s->first = 0; s->first < s->surface.count && result == SB_OK;) {
@@ -22612,18 +24641,7 @@ static void sbi_stuffing_warp(sbi_stuffing *s, int inner)
     }
 }
 
-/* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
-typedef struct sbi_stuffing_view {
-    const int *nodes;  /* active points */
-    int point[4];
-    int label[4];      /* -1: a zero */
-    int outside;       /* a strict point lies outside: the regions count as one side */
-    int zeros, inner_zeros;
-    int a, b;          /* two different labels among the strict, not outside; -1: none */
-    int more;          /* 1: there are further labels */
-} sbi_stuffing_view;
-
-static void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
+SBI_API void sbi_stuffing_look(const sbi_stuffing *s, const int *nodes, sbi_stuffing_view *v)
 {
     v->nodes = nodes;
     v->outside = v->zeros = v->inner_zeros = v->more = 0;
@@ -22674,8 +24692,7 @@ static void sbi_stuffing_settle(sbi_stuffing *s)
         sbi_stuffing_settle_tet(s, s->tets + 4 * (size_t)t);
 }
 
-/* Whether a tet has angles within those of the stencils. */
-static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
+SBI_API int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
 {
     const sb_real cos_10_7 = (sb_real)0.98260, cos_164_8 = (sb_real)-0.96500;
     sb_real of_smallest, of_largest;
@@ -22683,14 +24700,12 @@ static int sbi_stuffing_is_well_shaped(const sb_vec3 corners[4])
     return of_smallest <= cos_10_7 && of_largest >= cos_164_8;
 }
 
-static sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
+SBI_API sb_vec3 sbi_stuffing_centroid(const sb_vec3 corners[4])
 {
     return sb_v3_scale((sb_real)0.25, sb_v3_add(sb_v3_add(corners[0], corners[1]), sb_v3_add(corners[2], corners[3])));
 }
 
-/* Label of a tet of four zeros: that of its centroid, taken in the lattice, so that it stays when zeros move. Outside
- * when all its points were, not when one is a zero between regions: to the outer boundary that is a point inside. */
-static int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
+SBI_API int sbi_stuffing_label_of_four(const sbi_stuffing *s, const int points[4])
 {
     sb_vec3 corners[4];
     int label, inner = 0, highest = 0;
@@ -22873,9 +24888,7 @@ static void sbi_stuffing_free_pinches(sbi_stuffing *s)
     }
 }
 
-/* Decides about all zeros: those at the outside, then those between regions; then every tet can be cut. Relaxing ends:
- * four zeros near their places make a regular tet. */
-static void sbi_stuffing_place_zeros(sbi_stuffing *s)
+SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s)
 {
     int changed = 1;
     sbi_stuffing_warp(s, 0);
@@ -22891,6 +24904,9 @@ static void sbi_stuffing_place_zeros(sbi_stuffing *s)
             changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
     }
 }
+
+/* ==== src/softbody/geometry/stuffing_cut.c ==== */
+/* stuffing_cut: 5. stencils: what is still cut falls into tets of one label each; the mesh of all. */
 
 /* ---- 5. stencils ---- */
 
@@ -23119,7 +25135,7 @@ static void sbi_stuffing_cut_tet(sbi_stuffing *s, const int *nodes)
         sbi_stuffing_apply(s, &v, sides, -1, v.b);
 }
 
-static sb_result sbi_stuffing_cut(sbi_stuffing *s)
+SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s)
 {
     const sb_allocator *allocator = &s->def->allocator;
     size_t edges = (size_t)s->surface.count * SBI_STUFF_EDGES, cuts = 0;
@@ -23159,8 +25175,7 @@ static sb_vec3 sbi_stuffing_node(const sbi_stuffing *s, int node)
     return node < s->active.count ? s->positions[node] : s->cut_positions[node - s->active.count];
 }
 
-/* Copies elements and the nodes they use into the mesh, each tet turned so that its volume is positive. */
-static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
+SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
 {
     int total = s->active.count + s->cut_count, used = 0;
     int *map = (int *)sbi_alloc_zeroed(&s->def->allocator, (size_t)total, sizeof(int));
@@ -23195,18 +25210,14 @@ static sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/stuffing_boundary.c ==== */
+/* stuffing_boundary: 6. nodes slide along the surface, and edges are split, until the boundary is near enough. */
+
 /* ---- 6. the boundary ----
  * Its nodes lie on the surface, but a triangle between them cuts the corner at ridges and thin parts. Where it leaves
  * the surface by more than SBI_STUFF_FAR its nodes slide along the surface towards what it misses, as long as all tets
  * at them keep angles within the bounds and no triangle becomes worse than the worst was; where that is not enough,
  * edges get a node in the middle, under the same condition. */
-
-#define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
-#define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
-#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few tell whether the others are worth a look */
-#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
 
 typedef struct sbi_stuffing_rim {
     const sbi_stuffing *s;
@@ -23560,8 +25571,7 @@ static sb_result sbi_stuffing_refine_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
-/* Brings the boundary close to the surface and tells how close it is. */
-static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
+SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance)
 {
     sb_result result = SB_OK;
     int again = 1;
@@ -23570,8 +25580,7 @@ static sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *me
     return result;
 }
 
-/* All but the shares. */
-static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
@@ -23579,144 +25588,6 @@ static void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, cons
     report->distance = distance;
     report->volume = sb_mesh_volume(mesh);
     sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
-}
-
-static void sbi_stuffing_free(sbi_stuffing *s)
-{
-    const sb_allocator *allocator = &s->def->allocator;
-    sbi_free(allocator, s->labels);
-    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
-        sbi_free(allocator, s->split[level]);
-    sbi_stuffing_set_free(s, &s->surface);
-    sbi_stuffing_set_free(s, &s->active);
-    sbi_free(allocator, s->tets);
-    sbi_free(allocator, s->positions);
-    sbi_free(allocator, s->active_label);
-    sbi_free(allocator, s->point_of);
-    sbi_free(allocator, s->points);
-    sbi_free(allocator, s->values);
-    sbi_free(allocator, s->failures);
-    sbi_free(allocator, s->cut_node);
-    sbi_free(allocator, s->cut_positions);
-    sbi_free(allocator, s->elements);
-    sbi_free(allocator, s->element_labels);
-}
-
-/* From the def to a tet4 mesh. */
-static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
-{
-    sb_result result = sbi_stuffing_lay_out(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_sample(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_find_surface(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_grade(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_enumerate(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
-    if (result == SB_OK)
-        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
-    if (result != SB_OK)
-        return result;
-    sbi_stuffing_place_zeros(s);
-    result = sbi_stuffing_cut(s);
-    if (result == SB_OK)
-        result = sbi_stuffing_collect(s, mesh);
-    return result;
-}
-
-/* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
-                                   int cells[3], sb_error *error)
-{
-    sbi_stuffing s;
-    sb_result result;
-    memset(&s, 0, sizeof s);
-    memset(mesh, 0, sizeof *mesh);
-    s.def = def;
-    s.error = error;
-    s.attempt = attempt;
-    s.told = told;
-    result = sbi_stuffing_build(&s, mesh);
-    if (result == SB_OK)
-        result = sbi_stuffing_progress(&s, 0.9);
-    if (result == SB_OK)
-        result = sbi_stuffing_finish_boundary(&s, mesh, distance);
-    if (result != SB_OK)
-        sb_mesh_free(mesh);
-    memcpy(cells, s.n, sizeof s.n);
-    sbi_stuffing_free(&s);
-    return result;
-}
-
-/* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
- * nearest mesh is kept. */
-static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
-                                        int cells[3], sb_error *error)
-{
-    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
-    for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
-        sb_mesh other;
-        sb_real other_distance = 0;
-        int other_cells[3];
-        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
-        if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
-            result = tried;
-        if (tried != SB_OK)
-            continue;
-        if (other_distance < *distance) {
-            sb_mesh swap = *mesh;
-            *mesh = other;
-            other = swap;
-            *distance = other_distance;
-            memcpy(cells, other_cells, sizeof other_cells);
-        }
-        sb_mesh_free(&other);
-    }
-    return result;
-}
-
-SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
-{
-    sb_mesh made, raised;
-    sb_stuff_report found;
-    sb_real distance = 0;
-    double told = 0;
-    int cells[3];
-    sb_result result = sbi_stuffing_check(def, mesh, error);
-    if (result == SB_OK)
-        result = sbi_stuffing_check_orientation(def, error);
-    if (result != SB_OK)
-        return result;
-    memset(&made, 0, sizeof made);
-    memset(&found, 0, sizeof found);
-    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
-    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
-        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
-        result = kept == SB_OK ? result : kept;
-    }
-    if (result == SB_OK)
-        result = sb_mesh_reorder(&made, NULL, NULL, error);
-    if (result == SB_OK && def->type == SB_TET10) {
-        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
-        if (result == SB_OK) {
-            sb_mesh_free(&made);
-            made = raised;
-        }
-    }
-    if (result == SB_OK && def->progress && def->progress(def->progress_user, 1))
-        result = sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at the end");
-    if (result != SB_OK) {
-        sb_mesh_free(&made);
-        return result;
-    }
-    *mesh = made;
-    sbi_stuffing_fill_report(mesh, distance, cells, &found);
-    if (report)
-        *report = found;
-    return SB_OK;
 }
 
 /* ==== src/softbody/geometry/stuffing_share.c ==== */
@@ -24069,6 +25940,282 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
     }
     sbi_free(&def->allocator, share.samples);
     return result;
+}
+
+/* ==== src/softbody/geometry/stuffing.c ==== */
+/* stuffing: isosurface stuffing with several shapes and graded cells.
+ *
+ * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
+ * Every tet of the lattice joins the centres of two cells that share a face with an edge of that face. Corners and
+ * centres each are a cubic grid of "long" edges (one cell); "short" edges (sqrt(3)/2) run between the two kinds.
+ *
+ *   1. label     the shape that each point lies in, 0 outside: a byte per point, space far from surfaces in one go
+ *   2. octree    cells round a change of label stay small, others merge; enumerate the tets
+ *   3. cut       where edges between labels cross the surface, by root finding
+ *   4. warp      points close to a cut move onto it and belong to both sides from then on ("zero" points)
+ *   5. stencils  what is still cut falls into tets of one label each
+ *
+ * Several labels. The stencils know two sides, so every tet must see two labels at most, zeros not counted. A tet
+ * with a point outside sees the outside and the rest: the outer boundary is always exact. In it, and in tets that see
+ * three labels or more, points become zeros where they are until the rule holds; this shifts the face between inner
+ * regions, by less than a cell, and no angle is worse for it: a zero at its lattice point is one of the cases that
+ * the angles' bounds were found over. What a point counts as in a face depends on the points of that face and on
+ * nothing else that the two tets at the face do not share; so they cut it alike.
+ *
+ * Source: Labelle and Shewchuk, Isosurface stuffing, 2007; for the parity rule that lets both sides match, the order of
+ * prisms and the lengths of warps: own derivation, checked over all patterns. */
+
+SB_API sb_stuff_def sb_default_stuff_def(void)
+{
+    sb_stuff_def def;
+    memset(&def, 0, sizeof def);
+    def.type = SB_TET4;
+    def.max_elements = 20000000;
+    def.least_share = (sb_real)0.5;
+    def.cookie = SBI_STUFF_COOKIE;
+    return def;
+}
+
+/* ---- checks and set-up ---- */
+
+static sb_result sbi_stuffing_check_shape(const sb_stuff_def *def, int shape, sb_error *error)
+{
+    const sb_shape *g = def->shapes + shape;
+    if (!g->surface == !g->distance)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "shape %d needs either a surface or a distance function", shape);
+    if (!sb_is_finite(g->max_slope))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "max_slope of shape %d is not finite", shape);
+    if (g->max_slope < 0)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_slope of shape %d is negative: %g", shape, (double)g->max_slope);
+    return SB_OK;
+}
+
+static sb_result sbi_stuffing_check(const sb_stuff_def *def, const sb_mesh *mesh, sb_error *error)
+{
+    sb_result result = SB_OK;
+    if (!def || !mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", def ? "mesh" : "def");
+    if (def->cookie != SBI_STUFF_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_stuff_def");
+    if (!def->shapes || def->shape_count < 1 || def->shape_count > SB_STUFF_MAX_SHAPES)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing needs 1 to %d shapes, not %d", SB_STUFF_MAX_SHAPES,
+                        def->shapes ? def->shape_count : 0);
+    for (int shape = 0; shape < def->shape_count && result == SB_OK; shape++)
+        result = sbi_stuffing_check_shape(def, shape, error);
+    if (result != SB_OK)
+        return result;
+    if (!sb_is_finite(def->cell))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "cell is not finite");
+    if (!(def->cell > 0))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "cell is %g m, it must be positive", (double)def->cell);
+    if (def->levels < 0 || def->levels > SBI_STUFF_MAX_LEVELS)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "levels is %d, it must be 0 to %d", def->levels,
+                        SBI_STUFF_MAX_LEVELS);
+    if (def->type != SB_TET4 && def->type != SB_TET10)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "stuffing makes SB_TET4 or SB_TET10, not type %d", (int)def->type);
+    if (def->max_elements < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_elements is %d, it must be positive", def->max_elements);
+    if (!(def->least_share >= 0 && def->least_share <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "least_share is %g, it must be 0 to 1", (double)def->least_share);
+    return SB_OK;
+}
+
+/* Surfaces, and parts of them, that look inward enclose nothing. */
+static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_error *error)
+{
+    for (int shape = 0; shape < def->shape_count; shape++) {
+        int triangle = -1;
+        if (!def->shapes[shape].surface)
+            continue;
+        if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
+        if (triangle >= 0)
+            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+                                    "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
+                                    "it): sb_surface_repair turns it",
+                                    shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
+    }
+    return SB_OK;
+}
+
+/* Lays the lattice round the first shape, with a cell and a half or more of empty space on each side. */
+static sb_result sbi_stuffing_lay_out(sbi_stuffing *s)
+{
+    static const double spread[3] = {0.8191725133961645, 0.6710436067037893, 0.5497004779019703}; /* no two near */
+    const sb_stuff_def *def = s->def;
+    double size[3], cells[3], total = 1, start[3], unit = (double)(1 << def->levels);
+    s->low = def->low;
+    s->high = def->high;
+    if (def->shapes[0].surface)
+        sb_surface_bounds(def->shapes[0].surface, &s->low, &s->high);
+    if (!sb_v3_is_finite(s->low) || !sb_v3_is_finite(s->high))
+        return sbi_fail(s->error, SB_ERROR_NOT_FINITE, "the box from low to high is not finite");
+    if (!(s->low.x < s->high.x && s->low.y < s->high.y && s->low.z < s->high.z))
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT, "the box is empty: low must lie below high along x, y and z");
+    size[0] = (double)s->high.x - (double)s->low.x;
+    size[1] = (double)s->high.y - (double)s->low.y;
+    size[2] = (double)s->high.z - (double)s->low.z;
+    for (int axis = 0; axis < 3; axis++) {
+        cells[axis] = unit * ceil((ceil(size[axis] / (double)def->cell) + 4) / unit);
+        total *= cells[axis] + 1;
+    }
+    if (!(total <= 8.0 * def->max_elements) || total > 0.25 * (double)((size_t)-1) || total > 1e9 * unit * unit)
+        return sbi_fail(s->error, SB_ERROR_ARGUMENT,
+                        "cells of %g m make a lattice of %.3g cells: more than 8 for each of max_elements (%d)",
+                        (double)def->cell, total, def->max_elements);
+    for (int axis = 0; axis < 3; axis++) {
+        s->n[axis] = (int)cells[axis];
+        start[axis] = -0.5 * (cells[axis] * (double)def->cell - size[axis]);
+    }
+    for (int axis = 0; axis < 3 && s->attempt > 0; axis++) {
+        double place = s->attempt * spread[axis];
+        start[axis] += (place - floor(place) - 0.5) * (double)def->cell;
+    }
+    s->half = (sb_real)0.5 * def->cell;
+    s->origin = sb_v3(s->low.x + (sb_real)start[0], s->low.y + (sb_real)start[1], s->low.z + (sb_real)start[2]);
+    s->stride[0] = 1;
+    s->stride[1] = (size_t)s->n[0] + 1;
+    s->stride[2] = s->stride[1] * ((size_t)s->n[1] + 1);
+    s->point_count = 2 * s->stride[2] * ((size_t)s->n[2] + 1);
+    return SB_OK;
+}
+
+static void sbi_stuffing_free(sbi_stuffing *s)
+{
+    const sb_allocator *allocator = &s->def->allocator;
+    sbi_free(allocator, s->labels);
+    for (int level = 0; level <= SBI_STUFF_MAX_LEVELS; level++)
+        sbi_free(allocator, s->split[level]);
+    sbi_stuffing_set_free(s, &s->surface);
+    sbi_stuffing_set_free(s, &s->active);
+    sbi_free(allocator, s->tets);
+    sbi_free(allocator, s->positions);
+    sbi_free(allocator, s->active_label);
+    sbi_free(allocator, s->point_of);
+    sbi_free(allocator, s->points);
+    sbi_free(allocator, s->values);
+    sbi_free(allocator, s->failures);
+    sbi_free(allocator, s->cut_node);
+    sbi_free(allocator, s->cut_positions);
+    sbi_free(allocator, s->elements);
+    sbi_free(allocator, s->element_labels);
+}
+
+/* From the def to a tet4 mesh. */
+static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
+{
+    sb_result result = sbi_stuffing_lay_out(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_sample(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_find_surface(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_grade(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_enumerate(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_value_task, 0.5, 0.6);
+    if (result == SB_OK)
+        result = sbi_stuffing_over_points(s, sbi_stuffing_cut_task, 0.6, 0.9);
+    if (result != SB_OK)
+        return result;
+    sbi_stuffing_place_zeros(s);
+    result = sbi_stuffing_cut(s);
+    if (result == SB_OK)
+        result = sbi_stuffing_collect(s, mesh);
+    return result;
+}
+
+/* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *told, sb_mesh *mesh, sb_real *distance,
+                                   int cells[3], sb_error *error)
+{
+    sbi_stuffing s;
+    sb_result result;
+    memset(&s, 0, sizeof s);
+    memset(mesh, 0, sizeof *mesh);
+    s.def = def;
+    s.error = error;
+    s.attempt = attempt;
+    s.told = told;
+    result = sbi_stuffing_build(&s, mesh);
+    if (result == SB_OK)
+        result = sbi_stuffing_progress(&s, 0.9);
+    if (result == SB_OK)
+        result = sbi_stuffing_finish_boundary(&s, mesh, distance);
+    if (result != SB_OK)
+        sb_mesh_free(mesh);
+    memcpy(cells, s.n, sizeof s.n);
+    sbi_stuffing_free(&s);
+    return result;
+}
+
+/* While the boundary is too far off, as where a thin part ends between lattice points, shifted lattices are tried; the
+ * nearest mesh is kept. */
+static sb_result sbi_stuffing_make_best(const sb_stuff_def *def, double *told, sb_mesh *mesh, sb_real *distance,
+                                        int cells[3], sb_error *error)
+{
+    sb_result result = sbi_stuffing_make(def, 0, told, mesh, distance, cells, error);
+    for (int attempt = 1; attempt < SBI_STUFF_ATTEMPTS && result == SB_OK && *distance > def->cell / 3; attempt++) {
+        sb_mesh other;
+        sb_real other_distance = 0;
+        int other_cells[3];
+        sb_result tried = sbi_stuffing_make(def, attempt, told, &other, &other_distance, other_cells, error);
+        if (tried == SB_ERROR_MEMORY || tried == SB_ERROR_CANCELLED || tried == SB_ERROR_NOT_FINITE)
+            result = tried;
+        if (tried != SB_OK)
+            continue;
+        if (other_distance < *distance) {
+            sb_mesh swap = *mesh;
+            *mesh = other;
+            other = swap;
+            *distance = other_distance;
+            memcpy(cells, other_cells, sizeof other_cells);
+        }
+        sb_mesh_free(&other);
+    }
+    return result;
+}
+
+SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_report *report, sb_error *error)
+{
+    sb_mesh made, raised;
+    sb_stuff_report found;
+    sb_real distance = 0;
+    double told = 0;
+    int cells[3];
+    sb_result result = sbi_stuffing_check(def, mesh, error);
+    if (result == SB_OK)
+        result = sbi_stuffing_check_orientation(def, error);
+    if (result != SB_OK)
+        return result;
+    memset(&made, 0, sizeof made);
+    memset(&found, 0, sizeof found);
+    result = sbi_stuffing_make_best(def, &told, &made, &distance, cells, error);
+    if (result == SB_OK || result == SB_ERROR_MESH) { /* nothing to mesh: `made` is empty, and is told why */
+        sb_result kept = sbi_stuffing_measure_shares(def, &made, &found, error);
+        result = kept == SB_OK ? result : kept;
+    }
+    if (result == SB_OK)
+        result = sb_mesh_reorder(&made, NULL, NULL, error);
+    if (result == SB_OK && def->type == SB_TET10) {
+        result = sb_mesh_to_tet10(&made, &def->allocator, &raised, error);
+        if (result == SB_OK) {
+            sb_mesh_free(&made);
+            made = raised;
+        }
+    }
+    if (result == SB_OK && def->progress && def->progress(def->progress_user, 1))
+        result = sbi_fail(error, SB_ERROR_CANCELLED, "stopped by the progress callback at the end");
+    if (result != SB_OK) {
+        sb_mesh_free(&made);
+        return result;
+    }
+    *mesh = made;
+    sbi_stuffing_fill_report(mesh, distance, cells, &found);
+    if (report)
+        *report = found;
+    return SB_OK;
 }
 
 /* ==== src/softbody/fem/material.c ==== */
@@ -25502,6 +27649,100 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     return SB_OK;
 }
 
+/* ==== src/softbody/solve/sparse_live.h ==== */
+/* sparse_live: a matrix whose pattern follows a mesh that changes. Floor 1, internal.
+ *
+ * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
+ * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
+ * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
+ * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
+ * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ *
+ * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
+ * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
+ * fixed. */
+#ifndef SB_SPARSE_LIVE_H
+#define SB_SPARSE_LIVE_H
+
+
+enum { SBI_LIVE_PIECE = 4, SBI_LIVE_PIECE_SIZES = 64 };
+
+/* Couplings besides those of cells that come and go, each named once as a pair of nodes; a pair that comes twice has to
+ * go twice. Those of nodes that a change removes go by themselves: leave them out. Pairs of one node with itself count
+ * for nothing. */
+typedef struct sbi_matrix_couplings {
+    int gone_count;
+    const int *gone; /* [gone_count][2] */
+    int made_count;
+    const int *made; /* [made_count][2] */
+} sbi_matrix_couplings;
+
+/* A coupling that a change makes, in one direction. */
+typedef struct sbi_live_key {
+    int row, column;
+    int uses;
+} sbi_live_key;
+
+typedef struct sbi_matrix_live {
+    int row_capacity, block_capacity;
+    int *room;               /* [row_capacity] places of the row's piece */
+    int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    unsigned char *in_use;   /* [row_capacity] */
+    unsigned char *marks;    /* [row_capacity] zeros between calls */
+    int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
+                                            * place has the next */
+    /* what the last change did */
+    int *touched;            /* [row_capacity] rows with other columns or in other places than before */
+    int touched_count;
+    int repacked;            /* 1: all rows moved */
+    /* parts */
+    int *part_of;            /* [row_capacity] */
+    int *lost, *held, *seen; /* [row_capacity] scratch */
+    /* the plan of the change reserved last */
+    sbi_live_key *keys;      /* new couplings, by row and column */
+    int key_count, key_capacity;
+    int pack;                /* 1: rows are pushed together first */
+    void *row_memory, *pool_memory;
+} sbi_matrix_live;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else that
+ * stays for ever); rows that no cell names and in_use excludes are free.
+ * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
+ * others   made: couplings besides; NULL: none
+ * in_use   [row_count] or NULL: all
+ * slack    share of rows and blocks in reserve, >= 0
+ * SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error);
+/* Memory to follow a change; change or others may be NULL. SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error);
+/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
+ * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+/* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Blocks that are in rows. */
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
+/* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix);
+/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
+ * first fault. */
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
+
+/* ---- sparse ---- */
+
+/* Finds the connected parts of rows and lists them; part_of [row_count]. */
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
+/* Lists rows by part, once every row has one. */
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+#endif
+
+#endif /* SB_SPARSE_LIVE_H */
+
 /* ==== src/softbody/solve/sparse.c ==== */
 /* sparse: pattern from cells, block products, constraints. */
 
@@ -25642,6 +27883,7 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->columns = ints;
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
+    matrix->row_end = matrix->row_start + 1;
     matrix->diagonal = matrix->row_start + rows + 1;
     matrix->part_rows = matrix->diagonal + rows;
     matrix->part_start = matrix->part_rows + rows;
@@ -25657,7 +27899,7 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
 {
     memcpy(next, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     for (int i = 0; i < matrix->row_count; i++)
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
             int j = matrix->columns[q];
             matrix->transpose[q] = next[j]++;
             if (j == i)
@@ -25672,7 +27914,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
     part_of[i] = part;
     queue[0] = i;
     for (int head = 0; head < count; head++)
-        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_end[queue[head]]; q++) {
             int j = matrix->columns[q];
             if (part_of[j] >= 0)
                 continue;
@@ -25681,15 +27923,14 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
         }
 }
 
-/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
-static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
 {
     int rows = matrix->row_count, alone = -1;
     for (int i = 0; i < rows; i++)
         part_of[i] = -1;
     matrix->part_count = 0;
     for (int i = 0; i < rows; i++) {
-        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        int is_alone = matrix->row_end[i] - matrix->row_start[i] == 1;
         if (part_of[i] >= 0)
             continue;
         if (is_alone && alone >= 0) {
@@ -25699,6 +27940,12 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         alone = is_alone ? matrix->part_count : alone;
         sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
     }
+    sbi_sparse_list_parts(matrix, part_of);
+}
+
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+{
+    int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
     for (int i = 0; i < rows; i++)
         matrix->part_start[part_of[i] + 1]++;
@@ -25768,6 +28015,7 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
         return;
+    sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
 }
@@ -25778,6 +28026,7 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
         return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
@@ -25788,7 +28037,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
-    high = matrix->row_start[i + 1];
+    high = matrix->row_end[i];
     while (low < high) {
         int middle = low + (high - low) / 2;
         if (matrix->columns[middle] < j)
@@ -25796,7 +28045,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
         else
             high = middle;
     }
-    return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
+    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */
@@ -25816,7 +28065,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
                                               int guard)
 {
     const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_start[i + 1];
+              *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -25844,7 +28093,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++, block += 9) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -25860,9 +28109,9 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last)
 {
-    const int *columns = matrix->columns, *row_start = matrix->row_start;
+    const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
-        if (columns[row_start[i + 1] - 1] != matrix->row_count - 1)
+        if (columns[row_end[i] - 1] != matrix->row_count - 1)
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
         else
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
@@ -25980,7 +28229,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
         for (int c = 0; c < 3; c++)
@@ -25994,7 +28243,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
     int all = (mask & SB_XYZ) == SB_XYZ;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
         int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];
@@ -26039,6 +28288,822 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
     if (!matrix || !mask)
         return;
     sbi_matrix_constrain(matrix, mask, values, rhs, NULL);
+}
+
+/* ==== src/softbody/solve/sparse_live.c ==== */
+/* sparse_live: rows with room, counted couplings, parts that follow. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* Takes the arrays of rows from the arena, measuring or for real. */
+static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_t rows, sbi_arena *arena)
+{
+    size_t parts = (size_t)sbi_matrix_most_parts((int)rows) + 1;
+    matrix->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    matrix->row_end = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->lost = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->held = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->seen = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->fixed = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->in_use = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->marks = (unsigned char *)sbi_arena_take(arena, rows, 1);
+}
+
+/* The same for those of blocks, with one sb_real to spare behind them and more. */
+static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_t blocks, sbi_arena *arena)
+{
+    matrix->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks + 1, sizeof matrix->blocks[0]);
+    matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+}
+
+typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
+
+/* Zeroed arrays of so many rows or blocks, 64-byte aligned; what has to be freed later, or NULL. */
+static void *sbi_live_take(sb_matrix *matrix, sbi_matrix_live *live, int count, sbi_live_layout *layout)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *memory;
+    layout(matrix, live, (size_t)count, &arena);
+    if (arena.overflow || arena.used > (size_t)-1 - 64)
+        return NULL;
+    memory = (unsigned char *)sbi_alloc_zeroed(&matrix->allocator, arena.used + 64, 1);
+    if (!memory)
+        return NULL;
+    arena.base = memory + (64 - (uintptr_t)memory % 64) % 64;
+    arena.used = 0;
+    layout(matrix, live, (size_t)count, &arena);
+    return memory;
+}
+
+/* Capacity for `least`: half as much again, as far as int goes. */
+static int sbi_live_more(int least) { return least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2; }
+
+static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old, sb_matrix *to, sbi_matrix_live *live)
+{
+    size_t ints = (size_t)from->row_count * sizeof(int);
+    memcpy(to->row_start, from->row_start, ints);
+    memcpy(to->row_end, from->row_end, ints);
+    memcpy(to->diagonal, from->diagonal, ints);
+    memcpy(to->part_rows, from->part_rows, ints);
+    memcpy(to->part_start, from->part_start, ((size_t)from->part_count + 1) * sizeof(int));
+    memcpy(to->fixed, from->fixed, (size_t)from->row_count);
+    if (!old)
+        return;
+    memcpy(live->room, old->room, ints);
+    memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->in_use, old->in_use, (size_t)from->row_count);
+}
+
+static int sbi_live_grow_rows(sb_matrix *matrix, int rows)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, rows, sbi_live_layout_rows);
+    if (!memory)
+        return 0;
+    sbi_live_copy_rows(matrix, matrix->live, &grown, &live);
+    sbi_free(&matrix->allocator, live.row_memory);
+    live.row_memory = memory;
+    live.row_capacity = rows;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+static void sbi_live_copy_pool(const sb_matrix *from, sb_matrix *to)
+{
+    memcpy(to->blocks, from->blocks, (size_t)from->block_count * sizeof from->blocks[0]);
+    memcpy(to->columns, from->columns, (size_t)from->block_count * sizeof(int));
+    memcpy(to->transpose, from->transpose, (size_t)from->block_count * sizeof(int));
+}
+
+static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, blocks, sbi_live_layout_pool);
+    if (!memory)
+        return 0;
+    sbi_live_copy_pool(matrix, &grown);
+    memcpy(live.uses, matrix->live->uses, (size_t)matrix->block_count * sizeof(int));
+    sbi_free(&matrix->allocator, live.pool_memory);
+    live.pool_memory = memory;
+    live.block_capacity = blocks;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
+{
+    if (!matrix->live)
+        return;
+    sbi_free(&matrix->allocator, matrix->live->row_memory);
+    sbi_free(&matrix->allocator, matrix->live->pool_memory);
+    sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live);
+    matrix->live = NULL;
+}
+
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
+{
+    int count = 0;
+    if (!matrix->live)
+        return matrix->block_count;
+    for (int i = 0; i < matrix->row_count; i++)
+        count += matrix->row_end[i] - matrix->row_start[i];
+    return count;
+}
+
+/* ---- places of the pool --------------------------------------------------------------------------------- */
+
+/* Leaves a place to no row. */
+static void sbi_live_clear(sb_matrix *matrix, int place)
+{
+    memset(matrix->blocks[place], 0, sizeof matrix->blocks[place]);
+    matrix->columns[place] = 0;
+    matrix->transpose[place] = place;
+    matrix->live->uses[place] = 0;
+}
+
+/* Brings a block of row i to another place. */
+static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
+{
+    int twin = matrix->transpose[from];
+    memcpy(matrix->blocks[to], matrix->blocks[from], sizeof matrix->blocks[to]);
+    matrix->columns[to] = matrix->columns[from];
+    matrix->live->uses[to] = matrix->live->uses[from];
+    if (matrix->columns[to] == i) {
+        matrix->diagonal[i] = matrix->transpose[to] = to;
+        return;
+    }
+    matrix->transpose[to] = twin;
+    matrix->transpose[twin] = to;
+}
+
+static int sbi_live_piece_places(int length)
+{
+    return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE;
+}
+
+/* A piece for a row of so many blocks; its places are cleared. */
+static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
+{
+    sbi_matrix_live *live = matrix->live;
+    int places = sbi_live_piece_places(length), size = places / SBI_LIVE_PIECE - 1, start;
+    start = size < SBI_LIVE_PIECE_SIZES ? live->free_pieces[size] : -1;
+    if (start >= 0) {
+        live->free_pieces[size] = live->uses[start];
+        live->uses[start] = 0;
+    } else {
+        start = matrix->block_count;
+        matrix->block_count += places; /* there is room: sbi_matrix_reserve has seen to it */
+        for (int k = start; k < matrix->block_count; k++)
+            sbi_live_clear(matrix, k);
+    }
+    matrix->row_start[i] = matrix->row_end[i] = start;
+    live->room[i] = places;
+}
+
+/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest, waits
+ * for the rows to be pushed together. */
+static void sbi_live_give_piece(sb_matrix *matrix, int start, int places)
+{
+    sbi_matrix_live *live = matrix->live;
+    int size = places / SBI_LIVE_PIECE - 1;
+    if (size < 0 || size >= SBI_LIVE_PIECE_SIZES)
+        return;
+    live->uses[start] = live->free_pieces[size];
+    live->free_pieces[size] = start;
+}
+
+/* A row of its diagonal block only, 0. */
+static void sbi_live_open_row(sb_matrix *matrix, int i)
+{
+    sbi_live_take_piece(matrix, i, 1);
+    matrix->diagonal[i] = matrix->row_start[i];
+    matrix->columns[matrix->row_start[i]] = i;
+    matrix->row_end[i] = matrix->row_start[i] + 1;
+    matrix->fixed[i] = 0;
+    matrix->live->in_use[i] = 0;
+    matrix->live->part_of[i] = -1;
+}
+
+static void sbi_live_touch(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (!live->marks[i]) {
+        live->marks[i] = 1;
+        live->lost[i] = i;
+        live->touched[live->touched_count++] = i;
+    }
+}
+
+/* ---- pushing rows together ------------------------------------------------------------------------------ */
+
+static void sbi_live_sift(const int *start, int *rows, int root, int count)
+{
+    int row = rows[root];
+    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
+        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
+            child++;
+        if (start[row] >= start[rows[child]])
+            break;
+        rows[root] = rows[child];
+        root = child;
+    }
+    rows[root] = row;
+}
+
+/* Rows by the places of their pieces. */
+static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
+{
+    int count = matrix->row_count;
+    for (int i = 0; i < count; i++)
+        rows[i] = i;
+    for (int root = count / 2; root-- > 0;)
+        sbi_live_sift(matrix->row_start, rows, root, count);
+    for (int last = count - 1; last > 0; last--) {
+        int top = rows[0];
+        rows[0] = rows[last];
+        rows[last] = top;
+        sbi_live_sift(matrix->row_start, rows, 0, last);
+    }
+}
+
+/* Places that rows take once they are pushed together: as long as they are. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *rows = live->held, end = 0, old_end = matrix->block_count;
+    sbi_live_order_rows(matrix, rows);
+    for (int k = 0; k < matrix->row_count; k++) {
+        int i = rows[k];
+        int start = end;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
+            if (q != end)
+                sbi_live_move(matrix, i, q, end);
+        matrix->row_start[i] = start;
+        matrix->row_end[i] = end;
+        live->room[i] = end - start;
+    }
+    for (int q = end; q < old_end; q++)
+        sbi_live_clear(matrix, q);
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    matrix->block_count = end;
+    live->repacked = 1;
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_live_touch(matrix, i);
+}
+
+/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+
+static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+{
+    return a.row < b.row || (a.row == b.row && a.column < b.column);
+}
+
+/* By row and column; Shell's sort, with gaps of Ciura. */
+static void sbi_live_sort_keys(sbi_live_key *keys, int count)
+{
+    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
+        int gap = gaps[g];
+        for (int k = gap; k < count; k++) {
+            sbi_live_key key = keys[k];
+            int at = k;
+            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
+                keys[at] = keys[at - gap];
+            keys[at] = key;
+        }
+    }
+}
+
+/* Plans the coupling of two nodes, unless the pattern has it. */
+static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+        return;
+    for (int flip = 0; flip < 2; flip++) {
+        sbi_live_key *key = live->keys + live->key_count++;
+        key->row = flip ? j : i;
+        key->column = flip ? i : j;
+        key->uses = 1;
+    }
+}
+
+/* Sorts the plan and makes one of several keys of a coupling. */
+static void sbi_live_merge_keys(sbi_matrix_live *live)
+{
+    int count = 0;
+    sbi_live_sort_keys(live->keys, live->key_count);
+    for (int k = 0; k < live->key_count; k++)
+        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
+            live->keys[count - 1].uses += live->keys[k].uses;
+        else
+            live->keys[count++] = live->keys[k];
+    live->key_count = count;
+}
+
+/* Fills the plan; 0: no memory. */
+static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_matrix_live *live = matrix->live;
+    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
+    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
+    if (most > (size_t)live->key_capacity) {
+        int capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
+        sbi_live_key *keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
+        if (!keys)
+            return 0;
+        sbi_free(&matrix->allocator, live->keys);
+        live->keys = keys;
+        live->key_capacity = capacity;
+    }
+    live->key_count = 0;
+    for (int c = 0; c < cells; c++) {
+        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_plan_pair(matrix, cell[a], cell[b]);
+    }
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
+    sbi_live_merge_keys(live);
+    return 1;
+}
+
+/* Places that the plan takes at the pool's end at most. */
+static size_t sbi_live_planned_places(const sb_matrix *matrix, int row_count)
+{
+    const sbi_matrix_live *live = matrix->live;
+    size_t places = SBI_LIVE_PIECE * (size_t)sbi_max_int(0, row_count - matrix->row_count);
+    for (int k = 0, next; k < live->key_count; k = next) {
+        int i = live->keys[k].row, is_new = i >= matrix->row_count;
+        int length = is_new ? 1 : matrix->row_end[i] - matrix->row_start[i];
+        for (next = k; next < live->key_count && live->keys[next].row == i; next++)
+            length++;
+        if (is_new || length > live->room[i])
+            places += (size_t)sbi_live_piece_places(length);
+    }
+    return places;
+}
+
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error)
+{
+    sbi_matrix_live *live = matrix->live;
+    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
+    if (made && rows > live->row_capacity)
+        made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    live->pack = 0;
+    if (made) {
+        size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
+        if ((size_t)matrix->block_count + more > most) {
+            /* half of what is pushed together stays free, or soon it would have to be done again */
+            size_t needed = (size_t)sbi_matrix_used_blocks(matrix) + more;
+            live->pack = needed + needed / 8 <= most;
+            if (!live->pack)
+                made = (size_t)matrix->block_count + more <= INT_MAX &&
+                       sbi_live_grow_pool(matrix, sbi_live_more((int)((size_t)matrix->block_count + more)));
+        }
+    }
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows to change", rows);
+}
+
+/* ---- following ------------------------------------------------------------------------------------------- */
+
+/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
+{
+    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
+    if (q < 0)
+        return;
+    matrix->live->uses[q] += uses;
+    matrix->live->uses[matrix->transpose[q]] += uses;
+    if (matrix->live->uses[q] == 0) {
+        sbi_live_touch(matrix, i);
+        sbi_live_touch(matrix, j);
+    }
+}
+
+static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int *cells, int uses)
+{
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_count(matrix, cells[a], cells[b], uses);
+}
+
+static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+{
+    for (int k = 0; k < count; k++)
+        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+}
+
+/* All couplings of a node that goes. */
+static void sbi_live_drop_node(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    sbi_live_touch(matrix, i);
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->uses[q] = live->uses[matrix->transpose[q]] = 0;
+        sbi_live_touch(matrix, matrix->columns[q]);
+    }
+    live->in_use[i] = 0;
+    live->part_of[i] = -1;
+}
+
+static int sbi_live_root(int *parent, int i)
+{
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+static void sbi_live_join(int *parent, int i, int j)
+{
+    i = sbi_live_root(parent, i);
+    j = sbi_live_root(parent, j);
+    parent[sbi_max_int(i, j)] = sbi_min_int(i, j);
+}
+
+/* Takes couplings that nothing needs any more out of a row. */
+static void sbi_live_sweep_row(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    int end = matrix->row_start[i];
+    for (int q = end; q < matrix->row_end[i]; q++) {
+        if (live->uses[q] == 0 && matrix->columns[q] != i) {
+            sbi_live_join(live->lost, i, matrix->columns[q]);
+            continue;
+        }
+        if (q != end)
+            sbi_live_move(matrix, i, q, end);
+        end++;
+    }
+    for (int q = end; q < matrix->row_end[i]; q++)
+        sbi_live_clear(matrix, q);
+    matrix->row_end[i] = end;
+}
+
+/* Brings a row to a piece with room for `length` blocks. */
+static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
+{
+    int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    sbi_live_take_piece(matrix, i, length);
+    for (int q = start; q < end; q++) {
+        sbi_live_move(matrix, i, q, matrix->row_end[i]++);
+        sbi_live_clear(matrix, q);
+    }
+    sbi_live_give_piece(matrix, start, room);
+}
+
+/* Merges planned couplings, all of row i, into it. */
+static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys, int count)
+{
+    int length = matrix->row_end[i] - matrix->row_start[i] + count, read, write;
+    if (length > matrix->live->room[i])
+        sbi_live_move_row(matrix, i, length);
+    read = matrix->row_end[i] - 1;
+    matrix->row_end[i] += count;
+    for (write = matrix->row_end[i] - 1; count > 0; write--) {
+        const sbi_live_key *key = keys + count - 1;
+        if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
+            sbi_live_move(matrix, i, read--, write);
+            continue;
+        }
+        sbi_live_clear(matrix, write);
+        matrix->columns[write] = key->column;
+        matrix->live->uses[write] = key->uses;
+        count--;
+    }
+}
+
+static void sbi_live_fill(sb_matrix *matrix)
+{
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0, next; k < live->key_count; k = next) {
+        for (next = k; next < live->key_count && live->keys[next].row == live->keys[k].row; next++)
+            continue;
+        sbi_live_fill_row(matrix, live->keys[k].row, live->keys + k, next - k);
+    }
+    for (int k = 0; k < live->key_count; k++) {
+        int i = live->keys[k].row, j = live->keys[k].column, q, twin;
+        if (i > j)
+            continue;
+        q = sb_matrix_find(matrix, i, j);
+        twin = sb_matrix_find(matrix, j, i);
+        matrix->transpose[q] = twin;
+        matrix->transpose[twin] = q;
+    }
+}
+
+/* ---- parts ------------------------------------------------------------------------------------------------ */
+
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
+ * still hang together by couplings of theirs. 0: that has to be looked into. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        live->seen[i] = -1;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->held[matrix->columns[q]] = matrix->columns[q];
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            sbi_live_join(live->held, i, matrix->columns[q]);
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], group, held;
+        if (!live->in_use[i])
+            continue;
+        group = sbi_live_root(live->lost, i);
+        held = sbi_live_root(live->held, i);
+        if (live->seen[group] >= 0 && live->seen[group] != held)
+            return 0;
+        live->seen[group] = held;
+    }
+    return 1;
+}
+
+/* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
+static int sbi_live_parts_extend(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int open, found;
+    do {
+        open = found = 0;
+        for (int k = 0; k < live->touched_count; k++) {
+            int i = live->touched[k];
+            if (live->part_of[i] >= 0 || sbi_live_is_alone(matrix, i))
+                continue;
+            for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->part_of[i] < 0; q++)
+                live->part_of[i] = live->part_of[matrix->columns[q]];
+            found |= live->part_of[i] >= 0;
+            open |= live->part_of[i] < 0;
+        }
+    } while (open && found);
+    for (int k = 0; k < live->key_count && !open; k++)
+        open |= live->part_of[live->keys[k].row] != live->part_of[live->keys[k].column];
+    return !open;
+}
+
+/* Numbers parts by their first rows, rows with their diagonal block only as one, and lists them. */
+static void sbi_live_number_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *number = live->held, alone = -1;
+    for (int c = 0; c < matrix->row_count; c++)
+        number[c] = -1;
+    matrix->part_count = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        int *at = sbi_live_is_alone(matrix, i) ? &alone : number + live->part_of[i];
+        if (*at < 0)
+            *at = matrix->part_count++;
+        live->part_of[i] = *at;
+    }
+    sbi_sparse_list_parts(matrix, live->part_of);
+}
+
+static void sbi_live_follow_parts(sb_matrix *matrix)
+{
+    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+        sbi_live_number_parts(matrix);
+    else
+        sbi_sparse_find_parts(matrix, matrix->live->part_of);
+}
+
+/* ---- all of it --------------------------------------------------------------------------------------------- */
+
+static void sbi_live_set_free_row(sb_matrix *matrix, int i)
+{
+    sb_real *block = matrix->blocks[matrix->diagonal[i]];
+    for (int k = 0; k < 9; k++)
+        block[k] = (sb_real)(k % 4 == 0);
+    matrix->fixed[i] = SB_XYZ;
+}
+
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
+{
+    for (int i = 0; matrix->live && i < matrix->row_count; i++)
+        if (!matrix->live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+}
+
+static void sbi_live_begin(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->touched_count = 0;
+    live->repacked = 0;
+    if (live->pack)
+        sbi_live_pack(matrix);
+    live->pack = 0;
+}
+
+/* Nodes that go, rows that begin, nodes that come. */
+static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < change->removed_node_count; k++)
+        sbi_live_drop_node(matrix, change->removed_nodes[k]);
+    for (; matrix->row_count < change->node_end; matrix->row_count++)
+        sbi_live_open_row(matrix, matrix->row_count);
+    for (int k = 0; k < change->made_node_count; k++) {
+        int i = change->made_nodes[k];
+        sbi_live_touch(matrix, i);
+        memset(matrix->blocks[matrix->diagonal[i]], 0, sizeof matrix->blocks[0]);
+        matrix->fixed[i] = 0;
+        live->in_use[i] = 1;
+        live->part_of[i] = -1;
+    }
+}
+
+/* Rows beyond the last node go; rows of nodes that are gone have their diagonal block only. */
+static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    while (matrix->row_count > change->node_end) {
+        int i = --matrix->row_count;
+        sbi_live_clear(matrix, matrix->row_start[i]);
+        sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
+    }
+    for (int k = 0, count = live->touched_count; k < count; k++) {
+        int i = live->touched[k];
+        live->marks[i] = 0;
+        if (i >= matrix->row_count)
+            continue;
+        if (!live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+    }
+    for (int k = live->touched_count; k-- > 0;)
+        if (live->touched[k] >= matrix->row_count)
+            live->touched[k] = live->touched[--live->touched_count];
+}
+
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_mesh_change same;
+    sbi_matrix_live *live = matrix->live;
+    int n;
+    memset(&same, 0, sizeof same);
+    same.node_end = matrix->row_count;
+    change = change ? change : &same;
+    n = change->nodes_per_cell;
+    sbi_live_begin(matrix);
+    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
+    sbi_live_follow_nodes(matrix, change);
+    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; k < live->key_count; k++)
+        sbi_live_touch(matrix, live->keys[k].row);
+    for (int k = 0; k < live->touched_count; k++)
+        sbi_live_sweep_row(matrix, live->touched[k]);
+    sbi_live_fill(matrix);
+    sbi_live_end_nodes(matrix, change);
+    sbi_live_follow_parts(matrix);
+    live->key_count = 0;
+}
+
+/* ---- making one -------------------------------------------------------------------------------------------- */
+
+/* Takes over rows and blocks of a compact matrix. */
+static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows, int blocks)
+{
+    sb_matrix made = *matrix;
+    live->row_capacity = rows;
+    live->block_capacity = blocks;
+    live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
+    live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
+    if (!live->pool_memory) {
+        sbi_free(&matrix->allocator, live->row_memory);
+        return 0;
+    }
+    sbi_live_copy_rows(matrix, NULL, &made, live);
+    sbi_live_copy_pool(matrix, &made);
+    for (int i = 0; i < matrix->row_count; i++)
+        live->room[i] = made.row_end[i] - made.row_start[i];
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            live->part_of[matrix->part_rows[k]] = c;
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    sbi_free(&matrix->allocator, made.memory);
+    made.memory = NULL;
+    made.live = live;
+    *matrix = made;
+    return 1;
+}
+
+static int sbi_live_capacity(int count, double slack)
+{
+    double capacity = (double)count * (1 + slack);
+    return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
+}
+
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error)
+{
+    sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
+    if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
+                                     sbi_live_capacity(matrix->block_count, slack))) {
+        sbi_free(&matrix->allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        live->in_use[i] = !in_use || in_use[i];
+    for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
+        if (cells[0] >= 0)
+            sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
+    sbi_matrix_set_free_rows(matrix);
+    return SB_OK;
+}
+
+/* ---- checks ------------------------------------------------------------------------------------------------ */
+
+static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int start = matrix->row_start[i], end = matrix->row_end[i];
+    if (start < 0 || end <= start || end - start > live->room[i] || start > matrix->block_count - live->room[i])
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d has %d blocks from %d on in %d places", i, end - start,
+                             start, live->room[i]);
+    if (!live->in_use[i] && (end - start != 1 || matrix->fixed[i] != SB_XYZ))
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is not in use, but coupled or free to move", i);
+    if (matrix->diagonal[i] < start || matrix->diagonal[i] >= end || matrix->columns[matrix->diagonal[i]] != i)
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: the diagonal block is not where it should be", i);
+    for (int q = start; q < end; q++) {
+        int j = matrix->columns[q], twin = matrix->transpose[q];
+        if (j < 0 || j >= matrix->row_count || (q > start && j <= matrix->columns[q - 1]))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is out of order", i, j);
+        if (twin != sb_matrix_find(matrix, j, i) || live->uses[q] != live->uses[twin])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d has another transpose or count", i, j);
+        if ((j == i) != (live->uses[q] == 0))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j, live->uses[q]);
+        if (live->part_of[j] != live->part_of[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is in another part", i, j);
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    if (!live)
+        return SB_OK;
+    if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_result result = sbi_live_check_row(matrix, i, error);
+        if (result != SB_OK)
+            return result;
+        if (live->marks[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
+    }
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
+            for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
+                if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
+                    return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            if (live->part_of[matrix->part_rows[k]] != c)
+                return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    return SB_OK;
 }
 
 /* ==== src/softbody/solve/direct_order.c ==== */
@@ -26112,7 +29177,7 @@ static int sbi_order_walk(sbi_order *o, int start, int count)
     o->walk[count++] = start;
     for (; read < count; read++) {
         int i = o->walk[read];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
                 continue;
@@ -26161,7 +29226,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
         int node = list[i];
         border -= o->side[node] == 2;
         o->side[node] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int j = a->columns[q];
             if (o->set[j] != set || o->side[j] != 1)
                 continue;
@@ -26177,7 +29242,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
     for (int i = 0; i < count; i++)
         o->side[list[i]] = i > best;
     for (int i = 0; i <= best; i++)
-        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+        for (int q = a->row_start[list[i]]; q < a->row_end[list[i]]; q++)
             if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
                 o->side[a->columns[q]] = 2;
     return cost;
@@ -26188,7 +29253,7 @@ static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
 {
     const sb_matrix *a = o->pattern;
     beside[0] = beside[1] = beside[2] = 0;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++)
         if (o->set[a->columns[q]] == o->set[node])
             beside[o->side[a->columns[q]]]++;
 }
@@ -26200,7 +29265,7 @@ static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
     o->side[node] = half;
     sizes[2]--;
     sizes[half]++;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
         int j = a->columns[q];
         if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
             continue;
@@ -26306,7 +29371,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
-        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        int far = (double)(o->pattern->row_end[i] - o->pattern->row_start[i]) > most;
         o->set[i] = far ? -1 : 0;
         o->best[i] = far ? 2 : 0;
     }
@@ -26836,7 +29901,7 @@ static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_p
     for (int k = 0; k < d->node_count; k++) {
         int node = d->node[k];
         plan->parent[k] = ancestor[k] = -1;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             while (i >= 0 && i < k) {
                 int next = ancestor[i];
@@ -26857,7 +29922,7 @@ static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_
         int node = d->node[k];
         plan->count[k] = 1;
         mark[k] = k;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++)
             for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
                 plan->count[i]++;
                 mark[i] = k;
@@ -26959,7 +30024,7 @@ static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const i
         rows[count++] = k;
     for (int k = piece->first; k < piece->last; k++) {
         int node = d->node[k];
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             if (i < piece->last || mark[i] == index)
                 continue;
@@ -27216,7 +30281,7 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
         sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
         sb_real *size = d->sizes + 3 * (size_t)k;
         size[0] = size[1] = size[2] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]], place;
             const sb_real *block = a->blocks[q];
             for (int c = 0; c < 3; c++)
@@ -27263,7 +30328,7 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
 static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
 {
     for (int i = 0; i < a->row_count; i++)
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
@@ -28342,7 +31407,7 @@ static int sbi_region_grow(sbi_region_maker *m, int count)
     const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
                 sbi_region_join(m, j, &count);
@@ -28356,11 +31421,11 @@ static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
     const sb_matrix *a = m->pattern;
     int count = 0;
-    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+    for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
-        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+        for (int p = q + 1; p < a->row_end[i]; p++) {
             int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
@@ -28419,7 +31484,7 @@ static void sbi_region_place_rest(sbi_region_maker *m)
         changed = 0;
         for (int i = 0; i < a->row_count; i++) {
             int best = -1;
-            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+            for (int q = a->row_start[i]; q < a->row_end[i] && m->region[i] < 0; q++)
                 if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
                     best = q;
             if (best < 0)
@@ -28443,7 +31508,7 @@ static void sbi_region_prepare(sbi_region_maker *m)
         m->region[i] = -1;
         m->member[i] = m->touched[i] = 0;
         m->most[i] = 0;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             if (a->columns[q] != i && m->moduli[q] > m->most[i])
                 m->most[i] = m->moduli[q];
     }
@@ -31210,7 +34275,7 @@ static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *se
     for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
         int last = count;
         for (; first < last; first++)
-            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+            for (int q = a->row_start[seen[first]]; q < a->row_end[seen[first]]; q++) {
                 int j = a->columns[q];
                 if (mark[j] == i)
                     continue;
@@ -31430,7 +34495,7 @@ static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, 
     int count = d->size / 3;
     memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
     for (int row = 0; row < count; row++) {
-        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_end[nodes[row]];
         while (q < end && column < count) {
             if (a->columns[q] == nodes[column])
                 sbi_fsai_place(a->blocks[q++], scale, d, row, column++);
@@ -32261,10 +35326,14 @@ static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, con
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
 {
     uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    unsigned blocks = 0;
+    for (int i = 0; i < a->row_count; i++) {
+        blocks += (unsigned)(a->row_end[i] - a->row_start[i]);
+        hash = sbi_hash_word(hash, (uint64_t)blocks);
+    }
     for (int i = 0; i < a->row_count; i++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
-    for (int q = 0; q < a->block_count; q++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
     return hash;
 }
 
@@ -33038,7 +36107,7 @@ static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
     queue[0] = i;
     m->fragment_of[i] = fragment;
     for (int head = 0; head < count; head++)
-        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+        for (int q = a->row_start[queue[head]]; q < a->row_end[queue[head]]; q++) {
             int j = a->columns[q];
             if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
                 continue;
@@ -33085,7 +36154,7 @@ static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
     int best = -1;
     for (int pass = 0; pass < 2; pass++)
         for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
-            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+            for (int q = a->row_start[m->list[k]]; q < a->row_end[m->list[k]]; q++) {
                 int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
                 m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
                 if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
@@ -33158,7 +36227,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
 {
-    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
     sbi_piece_cut(m, begin, end, share, 0);
@@ -33222,7 +36291,7 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
         c->piece_entry[piece] = entries;
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+            for (int q = a->row_start[j]; q < a->row_end[j]; q++) {
                 int i = a->columns[q];
                 if (marker[i] < first) {
                     marker[i] = entries;
@@ -35163,53 +38232,15 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
     return sbi_domain_lump_part(n, volume, full, mass);
 }
 
-/* ==== src/softbody/geometry/grid.c ==== */
-/* grid: octrees in the cells that a surface cuts, and what comes of them: points, weights, masses. */
+/* ==== src/softbody/geometry/grid_private.h ==== */
+/* grid_private: what the makers of a grid work on. */
+#ifndef SBI_GRID_PRIVATE_H
+#define SBI_GRID_PRIVATE_H
+
 
 #include <string.h>
 
-#define SBI_GRID_COOKIE 0x6e1du
-
-enum {
-    SBI_GRID_BLOCK = 4,       /* cells along each edge of a block that is looked at at once */
-    SBI_GRID_PROBE_LEVEL = 4, /* how finely the inside of a cell is looked for when the level asked for finds none */
-    SBI_GRID_SLAB = 64        /* tasks between two calls of progress */
-};
-
-/* What the boxes of a lattice turned out to be. */
-enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
-
-SB_API sb_grid_def sb_default_grid_def(void)
-{
-    sb_grid_def def;
-    memset(&def, 0, sizeof def);
-    def.method = SB_GRID_WEIGHTED_CELL;
-    def.level = 3;
-    def.cells = 10;
-    def.void_stiffness = (sb_real)1e-4;
-    def.max_points = 4000000;
-    def.cookie = SBI_GRID_COOKIE;
-    return def;
-}
-
-SB_API void sb_grid_free(sb_grid *grid)
-{
-    sb_allocator allocator;
-    if (!grid)
-        return;
-    allocator = grid->allocator;
-    sb_mesh_free(&grid->mesh);
-    sb_mesh_free(&grid->body_mesh);
-    sb_domain_free(&grid->domain);
-    sbi_free(&allocator, grid->body_cells);
-    sbi_free(&allocator, grid->shares);
-    sbi_free(&allocator, grid->lattice);
-    sbi_free(&allocator, grid->regions);
-    sbi_free(&allocator, grid->region_volumes);
-    memset(grid, 0, sizeof *grid);
-}
-
-/* ---- what is worked with ---- */
+/* ---- grid_cell.c ---- */
 
 /* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
 typedef struct sbi_grid_box {
@@ -35267,12 +38298,78 @@ typedef struct sbi_grid_walk {
     int bad;                /* 1: a distance was not finite */
 } sbi_grid_walk;
 
-/* ---- distances ---- */
-
-static const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
+SB_INLINE const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
 {
     return shape == 0 ? &def->outer : def->inner + (shape - 1);
 }
+
+/* Signs of local coordinates at the corners, in VTK's order. */
+SB_INLINE double sbi_grid_sign(int node, int axis)
+{
+    static const signed char sign[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
+                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
+    return (double)sign[node][axis];
+}
+
+SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error);
+/* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
+ * finite. */
+SBI_API int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box);
+/* Slot of the region that the whole box is of, -1 where it is empty, -2 when that is open. */
+SBI_API int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside);
+SBI_API sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside);
+/* Middle of a lattice box `index` cells from the origin, or of a block of `width` cells from there. */
+SBI_API sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width);
+SBI_API sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box);
+SBI_API void sbi_grid_shape_functions(const double xi[3], double shape[8]);
+/* Gradients (1/m) in a brick of this size. */
+SBI_API void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients);
+/* Local coordinates of a point in the cell with this middle. */
+SBI_API void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3]);
+/* What a point inside adds to the sums of its region: `share` of the cell. */
+SBI_API void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant);
+/* Point p of eight in a box: Gauss's two along each axis, the first axis fastest. */
+SBI_API sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p);
+SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate);
+
+/* ---- grid_cut.c ---- */
+
+SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
+
+/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
+SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
+SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
+/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
+ * that the cells of a grid do not change with the level, and none that is kept is without mass. */
+SBI_API void sbi_grid_measure_cell(void *user, int index);
+SBI_API double sbi_grid_part_share(const sbi_grid_part *part);
+/* Share of a cut cell that is inside; *largest: the region that has most of it. */
+SBI_API double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest);
+/* Decides what is kept, and where its cells of the body's mesh start. *cells and *body_cells: how many there are. */
+SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error);
+
+/* ---- grid_fill.c ---- */
+
+SBI_API size_t sbi_grid_lattice_nodes(const int *counts);
+SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error);
+
+/* ---- grid.c ---- */
+
+enum {
+    SBI_GRID_BLOCK = 4,       /* cells along each edge of a block that is looked at at once */
+    SBI_GRID_PROBE_LEVEL = 4, /* how finely the inside of a cell is looked for when the level asked for finds none */
+    SBI_GRID_SLAB = 64        /* tasks between two calls of progress */
+};
+
+/* What the boxes of a lattice turned out to be. */
+enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
+
+#endif /* SBI_GRID_PRIVATE_H */
+
+/* ==== src/softbody/geometry/grid_cell.c ==== */
+/* grid_cell: distances, and the octree in a cell that a surface cuts: what each region has of it. */
+
+/* ---- distances ---- */
 
 /* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
  * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
@@ -35300,7 +38397,7 @@ static sb_real sbi_grid_distance(const sbi_grid_work *work, int shape, sb_vec3 p
                                     : sbi_grid_surface_distance(s->surface, work->doubtful[shape], point, near);
 }
 
-static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
+SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 {
     const sb_allocator *allocator = &work->def->allocator;
     for (int s = 0; s < work->shape_count; s++) {
@@ -35334,9 +38431,7 @@ static sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
 
 /* ---- boxes ---- */
 
-/* Looks which surfaces keep clear of what is within `reach` (m) of the box's middle. Returns 0 when a distance is not
- * finite. */
-static int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box)
+SBI_API int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_box *box)
 {
     for (int s = 0; s < work->shape_count && box->undecided; s++) {
         const sb_shape *shape = sbi_grid_get_shape(work->def, s);
@@ -35358,8 +38453,7 @@ static int sbi_grid_decide(const sbi_grid_work *work, sb_real reach, sbi_grid_bo
     return 1;
 }
 
-/* Slot of the region that the whole box is of, -1 where it is empty, -2 when that is open. */
-static int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside)
+SBI_API int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned inside)
 {
     if (undecided & 1u)
         return -2;
@@ -35374,7 +38468,7 @@ static int sbi_grid_slot(const sbi_grid_work *work, unsigned undecided, unsigned
     return work->slot_of[0];
 }
 
-static sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside)
+SBI_API sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned undecided, unsigned inside)
 {
     sbi_grid_box box;
     box.centre = centre;
@@ -35386,8 +38480,7 @@ static sbi_grid_box sbi_grid_make_box(sb_vec3 centre, sb_vec3 half, unsigned und
     return box;
 }
 
-/* Middle of a lattice box `index` cells from the origin, or of a block of `width` cells from there. */
-static sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width)
+SBI_API sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int width)
 {
     sb_real reach = (sb_real)0.5 * (sb_real)width;
     return sb_v3(grid->origin.x + grid->cell_size.x * ((sb_real)x + reach),
@@ -35395,7 +38488,7 @@ static sb_vec3 sbi_grid_middle(const sb_grid *grid, int x, int y, int z, int wid
                  grid->origin.z + grid->cell_size.z * ((sb_real)z + reach));
 }
 
-static sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
+SBI_API sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
 {
     int x = box % grid->counts[0], row = box / grid->counts[0];
     return sbi_grid_middle(grid, x, row % grid->counts[1], row / grid->counts[1], 1);
@@ -35403,23 +38496,14 @@ static sb_vec3 sbi_grid_cell_middle(const sb_grid *grid, int box)
 
 /* ---- shape functions of a cell ---- */
 
-/* Signs of local coordinates at the corners, in VTK's order. */
-static double sbi_grid_sign(int node, int axis)
-{
-    static const signed char sign[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
-                                           {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};
-    return (double)sign[node][axis];
-}
-
-static void sbi_grid_shape_functions(const double xi[3], double shape[8])
+SBI_API void sbi_grid_shape_functions(const double xi[3], double shape[8])
 {
     for (int a = 0; a < 8; a++)
         shape[a] = 0.125 * (1 + sbi_grid_sign(a, 0) * xi[0]) * (1 + sbi_grid_sign(a, 1) * xi[1]) *
                    (1 + sbi_grid_sign(a, 2) * xi[2]);
 }
 
-/* Gradients (1/m) in a brick of this size. */
-static void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients)
+SBI_API void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradients)
 {
     const double scale[3] = {0.25 / (double)size.x, 0.25 / (double)size.y, 0.25 / (double)size.z};
     for (int a = 0; a < 8; a++)
@@ -35430,8 +38514,7 @@ static void sbi_grid_gradients(sb_vec3 size, const double xi[3], sb_real *gradie
         }
 }
 
-/* Local coordinates of a point in the cell with this middle. */
-static void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3])
+SBI_API void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, double xi[3])
 {
     xi[0] = 2 * ((double)point.x - (double)middle.x) / (double)grid->cell_size.x;
     xi[1] = 2 * ((double)point.y - (double)middle.y) / (double)grid->cell_size.y;
@@ -35440,8 +38523,7 @@ static void sbi_grid_local(const sb_grid *grid, sb_vec3 middle, sb_vec3 point, d
 
 /* ---- the octree of a cell ---- */
 
-/* What a point inside adds to the sums of its region: `share` of the cell. */
-static void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant)
+SBI_API void sbi_grid_sum_point(sbi_grid_part *part, const double xi[3], double share, int octant)
 {
     double shape[8];
     sbi_grid_shape_functions(xi, shape);
@@ -35474,8 +38556,7 @@ static void sbi_grid_emit(sbi_grid_walk *walk, int slot, sb_vec3 point, double s
         sbi_grid_write_point(walk, slot, xi, share);
 }
 
-/* Point p of eight in a box: Gauss's two along each axis, the first axis fastest. */
-static sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p)
+SBI_API sb_vec3 sbi_grid_gauss_point(const sbi_grid_box *box, int p)
 {
     const sb_real gauss = (sb_real)0.57735026918962576451;
     return sb_v3(box->centre.x + (p & 1 ? gauss : -gauss) * box->half.x,
@@ -35528,7 +38609,7 @@ static void sbi_grid_descend(sbi_grid_walk *walk, sbi_grid_box *box, int depth, 
     }
 }
 
-static void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate)
+SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *candidate)
 {
     const sb_grid *grid = walk->work->grid;
     sbi_grid_box box;
@@ -35540,6 +38621,9 @@ static void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *ca
     sbi_grid_descend(walk, &box, 0, -1);
 }
 
+/* ==== src/softbody/geometry/grid_cut.c ==== */
+/* grid_cut: which cells are inside, which are cut, and which are kept. */
+
 /* ---- running tasks ---- */
 
 static void sbi_grid_slab_task(void *user, int index)
@@ -35548,8 +38632,7 @@ static void sbi_grid_slab_task(void *user, int index)
     work->task(work, work->first_task + index);
 }
 
-/* Runs task(work, i) for i in [0, count), by slabs, and tells of progress up to `share` of the whole. */
-static sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
+SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error)
 {
     double before = work->done;
     work->task = task;
@@ -35645,7 +38728,7 @@ static sb_result sbi_grid_list_candidates(sbi_grid_work *work, int boxes, sb_err
     return SB_OK;
 }
 
-static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
+SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
 {
     const int *counts = work->grid->counts;
     const sb_allocator *allocator = &work->def->allocator;
@@ -35662,9 +38745,7 @@ static sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
 
 /* ---- what is inside the cells that are cut ---- */
 
-/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
- * that the cells of a grid do not change with the level, and none that is kept is without mass. */
-static void sbi_grid_measure_cell(void *user, int index)
+SBI_API void sbi_grid_measure_cell(void *user, int index)
 {
     sbi_grid_work *work = (sbi_grid_work *)user;
     sbi_grid_candidate *candidate = work->candidates + work->cut[index];
@@ -35684,7 +38765,7 @@ static void sbi_grid_measure_cell(void *user, int index)
         candidate->cell_count = -1;
 }
 
-static double sbi_grid_part_share(const sbi_grid_part *part)
+SBI_API double sbi_grid_part_share(const sbi_grid_part *part)
 {
     double sum = 0;
     for (int o = 0; o < 8; o++)
@@ -35692,8 +38773,7 @@ static double sbi_grid_part_share(const sbi_grid_part *part)
     return 0.125 * sum;
 }
 
-/* Share of a cut cell that is inside; *largest: the region that has most of it. */
-static double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest)
+SBI_API double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_candidate *c, int *largest)
 {
     double sum = 0, most = -1;
     for (int s = 0; s < work->slot_count; s++) {
@@ -35706,8 +38786,6 @@ static double sbi_grid_cell_share(const sbi_grid_work *work, const sbi_grid_cand
     }
     return sum;
 }
-
-static int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method == SB_GRID_SPARSE || def->level == 0; }
 
 /* Cells of the body's mesh for a cut cell that is kept. */
 static int64_t sbi_grid_count_cells(const sbi_grid_work *work, const sbi_grid_candidate *c)
@@ -35725,8 +38803,7 @@ static int64_t sbi_grid_count_cells(const sbi_grid_work *work, const sbi_grid_ca
 
 static int sbi_grid_fit_int(int64_t count) { return count <= INT32_MAX / 64; }
 
-/* Decides what is kept, and where its cells of the body's mesh start. *cells and *body_cells: how many there are. */
-static sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error)
+SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *body_cells, sb_error *error)
 {
     const sb_grid_def *def = work->def;
     int64_t total = 0;
@@ -35755,6 +38832,9 @@ static sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *bod
     return SB_OK;
 }
 
+/* ==== src/softbody/geometry/grid_fill.c ==== */
+/* grid_fill: the meshes of the cells that are kept, and their points, weights and masses. */
+
 /* ---- meshes ---- */
 
 /* Node of the lattice at corner `node` of a box. */
@@ -35766,7 +38846,7 @@ static size_t sbi_grid_lattice_node(const int *counts, int box, int node)
     return (z * (size_t)(counts[1] + 1) + y) * (size_t)(counts[0] + 1) + x;
 }
 
-static size_t sbi_grid_lattice_nodes(const int *counts)
+SBI_API size_t sbi_grid_lattice_nodes(const int *counts)
 {
     return (size_t)(counts[0] + 1) * (size_t)(counts[1] + 1) * (size_t)(counts[2] + 1);
 }
@@ -35991,7 +39071,7 @@ static void sbi_grid_sum_volumes(const sbi_grid_work *work)
     grid->volume = (sb_real)total;
 }
 
-static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error)
+SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *error)
 {
     sb_grid *grid = work->grid;
     int cells, body_cells, nodes;
@@ -36009,6 +39089,41 @@ static sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *err
     if (result == SB_OK)
         sbi_grid_sum_volumes(work);
     return result;
+}
+
+/* ==== src/softbody/geometry/grid.c ==== */
+/* grid: a grid of bricks around a shape: its definition checked, laid out, made. */
+
+#define SBI_GRID_COOKIE 0x6e1du
+
+SB_API sb_grid_def sb_default_grid_def(void)
+{
+    sb_grid_def def;
+    memset(&def, 0, sizeof def);
+    def.method = SB_GRID_WEIGHTED_CELL;
+    def.level = 3;
+    def.cells = 10;
+    def.void_stiffness = (sb_real)1e-4;
+    def.max_points = 4000000;
+    def.cookie = SBI_GRID_COOKIE;
+    return def;
+}
+
+SB_API void sb_grid_free(sb_grid *grid)
+{
+    sb_allocator allocator;
+    if (!grid)
+        return;
+    allocator = grid->allocator;
+    sb_mesh_free(&grid->mesh);
+    sb_mesh_free(&grid->body_mesh);
+    sb_domain_free(&grid->domain);
+    sbi_free(&allocator, grid->body_cells);
+    sbi_free(&allocator, grid->shares);
+    sbi_free(&allocator, grid->lattice);
+    sbi_free(&allocator, grid->regions);
+    sbi_free(&allocator, grid->region_volumes);
+    memset(grid, 0, sizeof *grid);
 }
 
 /* ---- creation ---- */
@@ -36202,6 +39317,9 @@ SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error 
         sb_grid_free(&made);
     return result;
 }
+
+/* ==== src/softbody/geometry/grid_map.c ==== */
+/* grid_map: points and surfaces in a grid as weights of its nodes. */
 
 /* ---- points of the body in the grid ---- */
 
@@ -37342,7 +40460,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
 }
 
@@ -37379,7 +40497,7 @@ static void sbi_batch_lower(void *user, int index)
                     lower[3 * j + i] = upper[3 * i + j];
                 }
         }
-        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
             for (int c = 0; c < 9; c++)
                 sum[c] -= matrix->blocks[k][c];
         for (int i = 0; i < 3; i++)
@@ -38889,7 +42007,7 @@ static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *mat
 {
     size_t made = 0, entries = 0;
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->diagonal[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
             if (j == i)
@@ -38938,7 +42056,7 @@ static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_mat
             return sbi_elimination_no_memory(error);
         at = e->positions;
         for (int i = 0; i < full->row_count; i++)
-            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+            for (int k = full->row_start[i]; k < full->row_end[i]; k++) {
                 int j = full->columns[k];
                 sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
                 total += (size_t)a.count * (size_t)b.count;
@@ -39107,7 +42225,7 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
     const int *at = e->positions;
     sb_matrix_clear(&e->matrix);
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             const sb_real *block = matrix->blocks[k];
             sbi_elimination_row a, b;
@@ -39227,7 +42345,7 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 }
 
 /* ==== src/softbody/body/body_private.h ==== */
-/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+/* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
@@ -39472,6 +42590,11 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* regions and materials, one material per region, and each cell's material; */
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
+/* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
@@ -39486,6 +42609,10 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
 SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
                                           sb_error *error);
+/* The reference mesh as others see it; borrowed arrays. */
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
+/* Diagonal of the bounding box (m). */
+SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
@@ -39512,6 +42639,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 
@@ -39543,171 +42672,12 @@ SB_INLINE int sbi_body_points(const sb_body *body)
 
 #endif /* SB_BODY_PRIVATE_H */
 
-/* ==== src/softbody/body/body.c ==== */
-/* body: creation, properties, supports, loads, readings. */
+/* ==== src/softbody/body/body_material.c ==== */
+/* body_material: regions, their materials, fibres, and what follows from them. */
 
 #include <string.h>
 
-#define SBI_BODY_COOKIE 0x5b0d1u
-
-SB_API sb_body_def sb_default_body_def(void)
-{
-    sb_body_def def;
-    memset(&def, 0, sizeof def);
-    def.integration = SB_INTEGRATION_AUTO;
-    def.mass = SB_MASS_LUMPED;
-    def.integrator = SB_EULER;
-    def.preconditioner = SB_PRECOND_AUTO;
-    def.levels = NULL;
-    def.level_count = 0;
-    def.tolerance = (sb_real)1e-3;
-    def.max_iterations = 500;
-    def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.5;
-    def.max_substeps = 10000;
-    def.newton_tolerance = (sb_real)1e-6;
-    def.cookie = SBI_BODY_COOKIE;
-    return def;
-}
-
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
-SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
-{
-    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
-                                    "a replay would not know of it")
-                         : SB_OK;
-}
-
-SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
-{
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {
-        material->density, material->lambda, material->mu,  material->c10,             material->d1,
-        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
-    memcpy(reals, moduli, sizeof moduli);
-    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
-    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
-}
-
-SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
-{
-    sb_material m;
-    memset(&m, 0, sizeof m);
-    m.model = (sb_material_model)model;
-    m.prony_count = prony_count;
-    m.density = reals[0];
-    m.lambda = reals[1];
-    m.mu = reals[2];
-    m.c10 = reals[3];
-    m.d1 = reals[4];
-    m.c01 = reals[5];
-    m.c20 = reals[6];
-    m.c30 = reals[7];
-    m.fibre_stiffness = reals[8];
-    m.fibre_exponent = reals[9];
-    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
-    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
-    return m;
-}
-
-static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
-{
-    const int ints[3] = {region, (int)material->model, material->prony_count};
-    sb_real reals[SBI_MATERIAL_REALS];
-    sbi_body_pack_material(material, reals);
-    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
-}
-
-/* ---- creation: arguments ---- */
-
-SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
-{
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
-    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
-                        (double)def->damping_mass, (double)def->damping_stiffness);
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
-    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
-                        (double)def->newton_tolerance);
-    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
-                        def->max_iterations, def->max_newton);
-    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
-                        (double)def->spectral_radius);
-    if (def->max_substeps < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
-    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
-    if (def->allocator.alloc && !def->allocator.release)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
-                        (double)def->damping_stiffness);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
-{
-    sb_result result = sb_material_check(material, error);
-    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
-    return result;
-}
-
-static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
-{
-    sb_result result;
-    if (def->cookie != SBI_BODY_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
-    if (!def->mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
-    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
-    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
-    result = sbi_body_check_settings(def, error);
-    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
-        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
-    return result;
-}
-
-/* ---- creation: regions and materials ---- */
+/* ---- regions ---- */
 
 static int sbi_body_region(const sb_mesh *mesh, int element)
 {
@@ -39751,8 +42721,7 @@ static int sbi_body_list_regions(const sb_mesh *mesh, int *regions, int capacity
     return count;
 }
 
-/* Regions and materials, one material per region, and each cell's material. */
-static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     int capacity = 4, count, found;
     for (;; capacity = count) {
@@ -39795,7 +42764,7 @@ static sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, 
     return SB_OK;
 }
 
-/* ---- creation: fibres ---- */
+/* ---- fibres ---- */
 
 /* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
 static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
@@ -39857,8 +42826,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     return SB_OK;
 }
 
-/* What a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory. */
-static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
 {
     sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
     if (result == SB_OK)
@@ -39866,57 +42834,151 @@ static sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_ma
     return result;
 }
 
-/* ---- creation: memory ---- */
+/* ---- materials ---- */
 
-/* Lays out every array of the body; walked once to measure and once to hand out. */
-static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
 {
-    size_t n = (size_t)body->domain.node_count;
-    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
-                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
-                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
-                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
-                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
-                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
-                           &body->work,      &body->work2};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
-                                                 sizeof(sb_real));
-    if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+    sb_result result = sb_material_check(material, error);
+    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
+    return result;
 }
 
-static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    sbi_arena arena = {NULL, 0, 0};
-    unsigned char *base;
-    sbi_body_layout(body, &arena);
-    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
-                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
-    if (!body->memory)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
-    base = (unsigned char *)body->memory;
-    memset(base, 0, arena.used + 64);
-    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
-    arena.used = 0;
-    sbi_body_layout(body, &arena);
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
+SBI_API void sbi_body_materials_changed(sb_body *body)
+{
+    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    sbi_body_update_mass(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+}
+
+SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+{
+    sb_result result;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < body->material_count; i++)
+        body->materials[i] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
     return SB_OK;
 }
 
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
+                                             sb_error *error)
+{
+    sb_result result;
+    int at, found;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
+    return SB_OK;
+}
+
+/* ---- Newton iterations that materials need ---- */
+
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+{
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
+}
+
+SBI_API int sbi_body_max_newton(const sb_body *body)
+{
+    if (body->max_newton != SB_AUTO)
+        return body->max_newton;
+    for (int i = 0; i < body->material_count; i++)
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
+            return 20;
+    return 1;
+}
+
+/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+{
+    int needed = body->max_newton > 1;
+    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
+        return SB_OK;
+    body->damping_blocks =
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+    if (!body->damping_blocks)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/body_mass.c ==== */
+/* body_mass: masses of nodes and of the matrix, and products with them. */
+
+#include <string.h>
+
 /* ---- the reference shape ---- */
 
-/* The reference mesh as others see it; borrowed arrays. */
-static sb_mesh sbi_body_mesh_view(const sb_body *body)
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body)
 {
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
@@ -39929,8 +42991,7 @@ static sb_mesh sbi_body_mesh_view(const sb_body *body)
     return mesh;
 }
 
-/* Diagonal of the bounding box (m). */
-static sb_real sbi_body_size(const sb_body *body)
+SBI_API sb_real sbi_body_size(const sb_body *body)
 {
     sb_mesh mesh = sbi_body_mesh_view(body);
     sb_vec3 low, high;
@@ -40115,7 +43176,7 @@ SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_ve
             out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -40126,7 +43187,7 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     sb_matrix *matrix = &body->matrix;
     for (int i = 0; i < matrix->row_count; i++) {
         int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
-        int end = body->mass_blocks ? matrix->row_start[i + 1] : first + 1;
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
         for (int k = first; k < end; k++) {
             sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
             matrix->blocks[k][0] += m;
@@ -40136,259 +43197,10 @@ SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
     }
 }
 
-SBI_API sb_real sbi_body_poisson(const sb_body *body)
-{
-    sb_real largest = -1;
-    for (int k = 0; k < body->material_count; k++) {
-        sb_real poisson = sb_material_poisson(body->materials + k);
-        largest = poisson > largest ? poisson : largest;
-    }
-    return largest;
-}
+/* ==== src/softbody/body/body_pattern.c ==== */
+/* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
-{
-    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
-}
-
-SBI_API void sbi_body_materials_changed(sb_body *body)
-{
-    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
-    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
-    sbi_body_update_mass(body);
-    body->force_current = 0;
-    body->acceleration_known = 0;
-}
-
-/* ---- creation: topology ---- */
-
-/* Parts of the mesh, elements of each node, and the matrix pattern. */
-static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
-                                          error);
-    if (result == SB_OK)
-        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
-    if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
-                                  domain->cells, &body->allocator, &body->matrix, error);
-    return result;
-}
-
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
-}
-
-/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
-static void sbi_body_label_nodes(sb_body *body)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
-        body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        body->fixed[i] = lonely ? SB_XYZ : 0;
-        if (!lonely)
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
-}
-
-/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
- * linearised steps add up until the body explodes: only a linear body may take them. */
-static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
-{
-    return model == SB_LINEAR ||
-           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
-}
-
-SBI_API int sbi_body_max_newton(const sb_body *body)
-{
-    if (body->max_newton != SB_AUTO)
-        return body->max_newton;
-    for (int i = 0; i < body->material_count; i++)
-        if (!sbi_body_is_one_step(body, body->materials[i].model))
-            return 20;
-    return 1;
-}
-
-/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
-SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
-{
-    int needed = body->max_newton > 1;
-    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
-        needed |= !sbi_body_is_one_step(body, materials[i].model);
-    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
-        return SB_OK;
-    body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
-    if (!body->damping_blocks)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
-    return SB_OK;
-}
-
-SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_real *young;
-    sb_result result;
-    *moduli = NULL;
-    if (body->material_count < 2)
-        return SB_OK;
-    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
-    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
-    if (young && *moduli) {
-        for (int e = 0; e < domain->cell_count; e++)
-            young[e] = sb_material_young(body->materials + body->cell_material[e]);
-        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
-                                          *moduli, error);
-    } else {
-        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
-    }
-    sbi_free(&body->allocator, young);
-    if (result != SB_OK) {
-        sbi_free(&body->allocator, *moduli);
-        *moduli = NULL;
-    }
-    return result;
-}
-
-static sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    sb_preconditioner_def settings = sb_default_preconditioner_def();
-    sb_real *moduli = NULL;
-    sb_result result = SB_OK;
-    settings.kind = def->preconditioner;
-    settings.positions = def->mesh->nodes;
-    settings.jobs = body->jobs;
-    settings.levels = def->levels;
-    settings.level_count = def->level_count;
-    if (settings.kind == SB_PRECOND_AUTO)
-        settings.kind = sb_solver_auto(&body->matrix);
-    if (settings.kind == SB_PRECOND_MULTIGRID)
-        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
-    settings.moduli = moduli;
-    if (result == SB_OK)
-        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
-    sbi_free(&body->allocator, moduli);
-    return result;
-}
-
-static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    uint64_t *node_colours;
-    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
-                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                                      &body->domain, error);
-    body->own_points = def->domain != NULL;
-    if (result == SB_OK)
-        result = sbi_body_make_materials(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_make_topology(body, def->mesh, error);
-    if (result == SB_OK)
-        result = sbi_body_take_memory(body, error);
-    if (result == SB_OK)
-        result = sbi_body_make_preconditioner(body, def, error);
-    if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
-    if (result != SB_OK)
-        return result;
-    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(allocator, node_colours);
-    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    sbi_body_label_nodes(body);
-    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
-    for (int i = 0; i < body->material_count && result == SB_OK; i++)
-        result = sbi_body_prepare_material(body, i, body->materials + i, error);
-    if (result != SB_OK)
-        return result;
-    sbi_body_materials_changed(body);
-    sb_body_reset(body);
-    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
-}
-
-SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
-{
-    sb_body *made;
-    sb_result result;
-    if (!def || !body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
-    result = sbi_body_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
-    made->allocator = def->allocator;
-    made->jobs = def->jobs;
-    made->clock = def->clock;
-    made->mass_kind = def->mass;
-    made->integrator = def->integrator;
-    made->gravity = def->gravity;
-    made->damping_mass = def->damping_mass;
-    made->damping_stiffness = def->damping_stiffness;
-    made->tolerance = def->tolerance;
-    made->newton_tolerance = def->newton_tolerance;
-    made->max_iterations = def->max_iterations;
-    made->max_newton = def->max_newton;
-    made->spectral_radius = def->spectral_radius;
-    made->max_substeps = def->max_substeps;
-    result = sbi_body_build(made, def, error);
-    if (result != SB_OK) {
-        sb_body_destroy(made);
-        return result;
-    }
-    *body = made;
-    return SB_OK;
-}
-
-SB_API void sb_body_destroy(sb_body *body)
-{
-    sb_allocator allocator;
-    if (!body)
-        return;
-    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
-    allocator = body->allocator;
-    for (int i = 0; i < body->load_count; i++)
-        sbi_free(&allocator, body->loads[i].memory);
-    sbi_free(&allocator, body->loads);
-    sbi_free(&allocator, body->tie_gram);
-    sbi_elimination_free(body->elimination);
-    sb_pcg_workspace_free(&body->pcg);
-    sb_preconditioner_free(body->precond);
-    sb_matrix_free(&body->matrix);
-    sb_index_table_free(&body->element_component);
-    sb_index_lists_free(&body->node_elements);
-    sbi_assembly_free_memory(&body->assembly, &allocator);
-    sb_domain_free(&body->domain);
-    sbi_free(&allocator, body->fibres);
-    sbi_free(&allocator, body->support_blocks);
-    sbi_free(&allocator, body->damping_blocks);
-    sbi_free(&allocator, body->extra_start);
-    sbi_free(&allocator, body->pattern_memory);
-    sbi_free(&allocator, body->cell_material);
-    sbi_free(&allocator, body->materials);
-    sbi_free(&allocator, body->material_regions);
-    sbi_free(&allocator, body->memory);
-    sbi_free(&allocator, body);
-}
+#include <string.h>
 
 /* ---- couplings beyond the elements ---- */
 
@@ -40489,12 +43301,12 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
 {
     sbi_arena arena = {NULL, 0, 0};
     int most = pattern->matrix.block_count;
-    const int *row_start = pattern->matrix.row_start;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
     for (int i = 0; i < body->domain.node_count; i++)
         if (fixed[i] && body->node_component[i] >= 0)
-            pattern->support_used += row_start[i + 1] - row_start[i];
+            pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
         pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
@@ -40614,106 +43426,80 @@ SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const i
     return result;
 }
 
-/* ---- sizes ---- */
+/* ---- the preconditioner ---- */
 
-SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
-SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
-SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
-SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+SBI_API sb_real sbi_body_poisson(const sb_body *body)
 {
-    sb_preconditioner_info none;
-    if (!body) {
-        memset(&none, 0, sizeof none);
-        return none;
+    sb_real largest = -1;
+    for (int k = 0; k < body->material_count; k++) {
+        sb_real poisson = sb_material_poisson(body->materials + k);
+        largest = poisson > largest ? poisson : largest;
     }
-    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+    return largest;
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
 
-/* ---- properties ---- */
-
-SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error)
 {
+    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
+    return sb_preconditioner_update(precond, matrix, body->position, error);
+}
+
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
     sb_result result;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_material(body, -1, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    for (int i = 0; i < body->material_count; i++)
-        body->materials[i] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, -1, body->displacement);
-    sbi_body_tell_material(body, 1, 0, material);
-    return SB_OK;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
 }
 
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error)
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
 {
-    sb_result result;
-    int at, found;
-    if (!body || !material)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
-    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
-    if (!found)
-        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
-    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    settings.kind = def->preconditioner;
+    settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
     if (result == SB_OK)
-        result = sbi_body_prepare_material(body, at, material, error);
-    if (result == SB_OK)
-        result = sbi_body_reserve_damping(body, material, 1, error);
-    if (result != SB_OK)
-        return result;
-    body->materials[at] = *material;
-    sbi_body_materials_changed(body);
-    sbi_assembly_forget(&body->assembly, at, body->displacement);
-    sbi_body_tell_material(body, 0, region, material);
-    return SB_OK;
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
 }
 
-SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
-{
-    if (!body)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    body->gravity = gravity;
-    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
-    return SB_OK;
-}
+/* ==== src/softbody/body/body_support.c ==== */
+/* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
-{
-    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
-        return SB_ERROR_ARGUMENT;
-    body->tolerance = tolerance;
-    body->max_iterations = max_iterations;
-    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
-    return SB_OK;
-}
+#include <string.h>
 
 /* ---- faces ---- */
 
-/* 1 when the named corners of an element (all different) are those of the list. */
-static int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
 {
     int found = 0;
     for (int k = 0; k < count; k++)
@@ -40792,7 +43578,7 @@ SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, in
 
 static int sbi_body_row_length(const sb_body *body, int node)
 {
-    return body->matrix.row_start[node + 1] - body->matrix.row_start[node];
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
 }
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
@@ -40901,7 +43687,291 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
 
-/* ---- state ---- */
+/* ---- what holds the parts ---- */
+
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
+{
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
+{
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
+}
+
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            return 0;
+    return part >= 0;
+}
+
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
+{
+    int parts = 0;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
+}
+
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
+                continue;
+            sbi_body_row_motion(body, row, part, r);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
+{
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
+{
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+static void sbi_body_hold_supports(const sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
+    for (int c = 0; c < body->component_count; c++)
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
+    return -1;
+}
+
+/* ==== src/softbody/body/body_read.c ==== */
+/* body_read: sizes, motion and what can be read from it. */
+
+#include <string.h>
+
+/* ---- sizes ---- */
+
+SB_API int sb_body_node_count(const sb_body *body) { return body ? body->domain.node_count : 0; }
+SB_API int sb_body_element_count(const sb_body *body) { return body ? body->domain.cell_count : 0; }
+SB_API int sb_body_point_count(const sb_body *body) { return body ? sbi_body_points(body) : 0; }
+SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
+{
+    sb_preconditioner_info none;
+    if (!body) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
+}
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+
+/* ---- motion ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
 SB_API const sb_vec3 *sb_body_displacements(const sb_body *body) { return body ? body->displacement : NULL; }
@@ -41267,270 +44337,10 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
     sbi_run(&body->jobs, sbi_body_turn_task, &turning, sbi_row_chunks(turning.count));
 }
 
-/* ---- what holds the parts ---- */
+/* ==== src/softbody/body/body_check.c ==== */
+/* body_check: what is unusual about a body. */
 
-/* Arm of a node about the centre of its part, in units of the part's size. */
-static void sbi_body_arm(const sb_body *body, int node, double arm[3])
-{
-    sb_vec3 low = body->component_low[body->node_component[node]];
-    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
-    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
-    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
-    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
-    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
-}
-
-/* r += weight times what the six rigid motions do to one axis of a node. */
-static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
-{
-    double arm[3];
-    sbi_body_arm(body, node, arm);
-    r[axis] += weight;
-    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
-    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
-}
-
-/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
-static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
-{
-    for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
-}
-
-/* One row along one axis (of rows that are for all three). */
-typedef struct sbi_body_row {
-    const int *nodes, *dofs; /* one of them */
-    const sb_real *weights;
-    int count, axis;
-    double scale;
-} sbi_body_row;
-
-static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
-{
-    sbi_body_row row;
-    int first = rows->start[index];
-    row.nodes = rows->nodes ? rows->nodes + first : NULL;
-    row.dofs = rows->nodes ? NULL : rows->dofs + first;
-    row.weights = rows->weights + first;
-    row.count = rows->start[index + 1] - first;
-    row.axis = axis;
-    row.scale = 0;
-    for (int k = 0; k < row.count; k++)
-        row.scale += (double)sb_abs(row.weights[k]);
-    return row;
-}
-
-static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
-}
-
-/* What all terms of one part do to the row. */
-static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
-{
-    memset(r, 0, 6 * sizeof *r);
-    for (int k = 0; k < row->count; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
-                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
-}
-
-/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
-static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
-{
-    int part = sbi_body_row_part(body, row, term);
-    for (int k = 0; k < term; k++)
-        if (sbi_body_row_part(body, row, k) == part)
-            return 0;
-    return part >= 0;
-}
-
-/* 1 when a row goes through several parts. */
-static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
-{
-    int parts = 0;
-    for (int k = 0; k < row->count && parts < 2; k++)
-        parts += sbi_body_is_new_part(body, row, k);
-    return parts > 1;
-}
-
-/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
-static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    int tied = sbi_body_is_tie(body, row);
-    for (int a = 0; a < row->count && row->scale > 0; a++)
-        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
-            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
-            double r[6], s[6];
-            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
-                continue;
-            sbi_body_row_motion(body, row, part, r);
-            if (tied)
-                sbi_body_row_motion(body, row, other, s);
-            if (tied)
-                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
-            else
-                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
-        }
-}
-
-/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
- * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
-static int sbi_body_free_motion(double *gram, int parts, double *traces)
-{
-    int size = 6 * parts;
-    size_t n = (size_t)size;
-    for (int p = 0; p < parts; p++) {
-        traces[p] = 0;
-        for (int i = 6 * p; i < 6 * p + 6; i++)
-            traces[p] += gram[(size_t)i * (n + 1)];
-    }
-    for (int step = 0; step < size; step++) {
-        int pivot = -1, first = -1;
-        for (int i = 0; i < size; i++) {
-            double d = gram[(size_t)i * (n + 1)];
-            if (d < 0) /* done: marked below */
-                continue;
-            first = first < 0 ? i : first;
-            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
-                pivot = i;
-        }
-        if (pivot < 0)
-            return first;
-        for (int i = 0; i < size; i++) {
-            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
-            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
-                continue;
-            for (int j = 0; j < size; j++)
-                if (j != pivot)
-                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
-            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
-                gram[(size_t)i * (n + 1)] = 0;
-        }
-        gram[(size_t)pivot * (n + 1)] = -1;
-    }
-    return -1;
-}
-
-/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
-static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
-{
-    for (int j = 0; j < rows->count; j++) {
-        sbi_body_row row = sbi_body_make_row(rows, j, 0);
-        int tied = sbi_body_is_tie(body, &row);
-        for (int k = 0; k < row.count && tied; k++) {
-            int part = sbi_body_row_part(body, &row, k);
-            if (part >= 0 && body->tie_of[part] < 0)
-                body->tie_of[part] = count++;
-        }
-    }
-    return count;
-}
-
-SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
-{
-    int count = sbi_body_number_ties(body, rows, body->tie_count);
-    if (count > body->tie_capacity) {
-        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
-        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
-        for (int c = 0; c < body->component_count && !gram; c++)
-            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
-        if (!gram)
-            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
-        sbi_free(&body->allocator, body->tie_gram);
-        body->tie_gram = gram;
-        body->tie_capacity = count;
-    }
-    body->tie_count = count;
-    return SB_OK;
-}
-
-/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
-static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
-{
-    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
-    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
-        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
-            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
-            sbi_body_hold_row(body, &row);
-        }
-}
-
-static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
-{
-    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
-    for (int j = 0; j < rows.count; j++) {
-        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
-        sbi_body_hold_row(body, &row);
-    }
-}
-
-static void sbi_body_hold_supports(const sb_body *body)
-{
-    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
-    for (int i = 0; i < body->domain.node_count; i++)
-        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
-            if (body->fixed[i] >> axis & 1) {
-                double r[6] = {0, 0, 0, 0, 0, 0};
-                sbi_body_add_motion(body, i, axis, 1, r);
-                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
-            }
-}
-
-/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
-static int sbi_body_is_held_by_supports(const sb_body *body)
-{
-    double trace;
-    sbi_body_hold_supports(body);
-    for (int c = 0; c < body->component_count; c++)
-        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
-            return 0;
-    return 1;
-}
-
-/* Sums what holds each part: supports, springs, mappings and constraints. */
-static void sbi_body_gather_holds(const sb_body *body)
-{
-    size_t stride = 6 * (size_t)body->tie_count;
-    sbi_body_hold_supports(body);
-    if (stride)
-        memset(body->tie_gram, 0, stride * stride * sizeof(double));
-    for (int l = 0; l < body->load_count; l++)
-        sbi_body_hold_load(body, body->loads + l);
-    if (body->elimination)
-        sbi_body_hold_equations(body, &body->elimination->equations);
-    for (int c = 0; c < body->component_count; c++)
-        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
-            for (int j = 0; j < 6; j++)
-                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
-                               (size_t)j] += body->support_grams[c][6 * i + j];
-}
-
-SBI_API int sbi_body_unsupported_node(const sb_body *body)
-{
-    int loose = -1; /* number of a tied part that is free */
-    if (sbi_body_is_held_by_supports(body))
-        return -1;
-    sbi_body_gather_holds(body);
-    if (body->tie_count > 0) {
-        size_t n = 6 * (size_t)body->tie_count;
-        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
-        loose = motion < 0 ? -1 : motion / 6;
-    }
-    for (int c = 0; c < body->component_count; c++) {
-        double trace;
-        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
-            continue;
-        for (int i = 0; i < body->domain.node_count; i++)
-            if (body->node_component[i] == c)
-                return i;
-    }
-    return -1;
-}
-
-/* ---- set-up check ---- */
+#include <string.h>
 
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
@@ -41648,6 +44458,356 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_COMPONENTS: return "the mesh has more than one connected part";
     default: return "unknown warning";
     }
+}
+
+/* ==== src/softbody/body/body.c ==== */
+/* body: made and taken away; settings, and who hears of changes. */
+
+#include <string.h>
+
+#define SBI_BODY_COOKIE 0x5b0d1u
+
+SB_API sb_body_def sb_default_body_def(void)
+{
+    sb_body_def def;
+    memset(&def, 0, sizeof def);
+    def.integration = SB_INTEGRATION_AUTO;
+    def.mass = SB_MASS_LUMPED;
+    def.integrator = SB_EULER;
+    def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 500;
+    def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
+    def.newton_tolerance = (sb_real)1e-6;
+    def.cookie = SBI_BODY_COOKIE;
+    return def;
+}
+
+/* ---- the observer ---- */
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!body->observe)
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (body->observe)
+        body->observe(body->observer, command);
+}
+
+SBI_API sb_result sbi_body_check_unrecorded(const sb_body *body, sb_error *error)
+{
+    return body->observe ? sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body that is being recorded cannot be registered: "
+                                    "a replay would not know of it")
+                         : SB_OK;
+}
+
+/* ---- creation: arguments ---- */
+
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+{
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
+    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
+                        (double)def->damping_mass, (double)def->damping_stiffness);
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
+    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
+                        (double)def->newton_tolerance);
+    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
+                        def->max_iterations, def->max_newton);
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
+    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_BODY_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
+    if (!def->mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
+    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
+    result = sbi_body_check_settings(def, error);
+    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
+        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
+    return result;
+}
+
+/* ---- creation: memory ---- */
+
+/* Lays out every array of the body; walked once to measure and once to hand out. */
+static void sbi_body_layout(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->domain.node_count;
+    sb_vec3 **vectors[] = {&body->reference, &body->position,     &body->displacement,  &body->velocity,
+                           &body->target,    &body->dead_load,    &body->acceleration,  &body->internal,
+                           &body->external,  &body->follower,     &body->equilibrated, &body->residual,      &body->rhs,
+                           &body->increment, &body->reaction,     &body->velocity0,     &body->acceleration0,
+                           &body->start,     &body->saved_velocity, &body->saved_acceleration,
+                           &body->saved_reaction, &body->saved_external, &body->saved_internal, &body->converged,
+                           &body->work,      &body->work2};
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+                                                 sizeof(sb_real));
+    if (body->mass_kind != SB_MASS_LUMPED)
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, (size_t)body->component_count, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(sb_vec3));
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+    body->tie_of = (int *)sbi_arena_take(arena, (size_t)body->component_count, sizeof(int));
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+}
+
+static sb_result sbi_body_take_memory(sb_body *body, sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    sbi_body_layout(body, &arena);
+    body->memory = arena.overflow || arena.used > (size_t)-1 - 64 ? NULL
+                                                                  : sbi_alloc(&body->allocator, arena.used + 64, 1);
+    if (!body->memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->domain.node_count);
+    base = (unsigned char *)body->memory;
+    memset(base, 0, arena.used + 64);
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    sbi_body_layout(body, &arena);
+    return SB_OK;
+}
+
+/* ---- creation: topology ---- */
+
+/* Parts of the mesh, elements of each node, and the matrix pattern. */
+static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
+                                          error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
+                                  domain->cells, &body->allocator, &body->matrix, error);
+    return result;
+}
+
+/* Grows the bounding box of a part by one of its nodes. */
+static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
+    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+}
+
+/* Nodes of no element would make every system singular: they are held. Others learn their part's number. */
+static void sbi_body_label_nodes(sb_body *body)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        body->tie_of[c] = -1;
+    }
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        int lonely = first == lists->offsets[i + 1];
+        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
+        body->fixed[i] = lonely ? SB_XYZ : 0;
+        if (!lonely)
+            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
+    }
+}
+
+/* ---- creation and its end ---- */
+
+static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    uint64_t *node_colours;
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
+    if (result == SB_OK)
+        result = sbi_body_make_materials(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_make_topology(body, def->mesh, error);
+    if (result == SB_OK)
+        result = sbi_body_take_memory(body, error);
+    if (result == SB_OK)
+        result = sbi_body_make_preconditioner(body, def, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+    if (result != SB_OK)
+        return result;
+    node_colours = (uint64_t *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(allocator, node_colours);
+    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_materials_changed(body);
+    sb_body_reset(body);
+    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
+}
+
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
+{
+    sb_body *made;
+    sb_result result;
+    if (!def || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
+    result = sbi_body_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
+    made->allocator = def->allocator;
+    made->jobs = def->jobs;
+    made->clock = def->clock;
+    made->mass_kind = def->mass;
+    made->integrator = def->integrator;
+    made->gravity = def->gravity;
+    made->damping_mass = def->damping_mass;
+    made->damping_stiffness = def->damping_stiffness;
+    made->tolerance = def->tolerance;
+    made->newton_tolerance = def->newton_tolerance;
+    made->max_iterations = def->max_iterations;
+    made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
+    result = sbi_body_build(made, def, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *body = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_destroy(sb_body *body)
+{
+    sb_allocator allocator;
+    if (!body)
+        return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
+    allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_free(&allocator, body->loads[i].memory);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
+    sb_pcg_workspace_free(&body->pcg);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    sb_index_table_free(&body->element_component);
+    sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free_memory(&body->assembly, &allocator);
+    sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->support_blocks);
+    sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
+    sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->materials);
+    sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->memory);
+    sbi_free(&allocator, body);
+}
+
+/* ---- settings ---- */
+
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
+{
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
+{
+    const sb_real damping[2] = {alpha, beta};
+    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
+    body->damping_mass = alpha;
+    body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
+{
+    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
+        return SB_ERROR_ARGUMENT;
+    body->tolerance = tolerance;
+    body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/load.c ==== */
@@ -42701,6 +45861,9 @@ typedef struct sbi_embed_volume {
     sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
+/* Elements of a leaf of the tree; deepest path through it. */
+enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
 SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
                                           sbi_embed_volume *volume, sb_error *error);
@@ -42744,15 +45907,17 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
 /* x(xi) of an element and its Jacobian's columns. */
 SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi[3], sb_mat3 *jacobian);
 
+/* Nodes of a boundary face. */
+SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face);
+/* to[i] = from[nodes[i]] */
+SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to);
+
 #endif /* SB_EMBED_SEARCH_H */
 
-/* ==== src/softbody/geometry/embed_search.c ==== */
-/* embed_search: closest points in curved elements, search tree, smooth normals, feet of points outside. */
+/* ==== src/softbody/geometry/embed_volume.c ==== */
+/* embed_volume: what queries of a volume mesh read: smooth normals, Morton order, a tree of boxes. */
 
 #include <string.h>
-
-/* Elements of a leaf of the tree; deepest path through it. */
-enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* ---- faces and their normals ---- */
 
@@ -42816,12 +45981,12 @@ static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
 
-static const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face)
+SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face)
 {
     return volume->boundary.surface.elements + (size_t)face * (size_t)volume->face.nodes;
 }
 
-static void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to)
+SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to)
 {
     for (int a = 0; a < count; a++)
         to[a] = from[nodes[a]];
@@ -43083,6 +46248,11 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
         sbi_embed_volume_free(volume);
     return result;
 }
+
+/* ==== src/softbody/geometry/embed_search.c ==== */
+/* embed_search: the closest point of an element, curved ones too, and the closest element. */
+
+#include <string.h>
 
 /* ---- closest point in one element: min |x(xi) - v|^2 with xi in the element ----
  * Levenberg-Marquardt: each trial solves the quadratic model within the element's faces exactly, by the primal
@@ -43574,6 +46744,11 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     *hit = query.best;
 }
 
+/* ==== src/softbody/geometry/embed_foot.c ==== */
+/* embed_foot: feet of points outside: x(r, s) + d n(r, s) of a boundary face and its smooth normal. */
+
+#include <string.h>
+
 /* ---- feet: x(r, s) + d n(r, s) = point ---- */
 
 /* How far (r, s) lies outside a face, and the edge it lies beyond. */
@@ -43797,13 +46972,14 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     return element;
 }
 
-/* ==== src/softbody/geometry/embed.c ==== */
-/* embed: creation, groups of points that share a cell, evaluation, transpose. */
+/* ==== src/softbody/geometry/embed_private.h ==== */
+/* embed_private: an embedding, and what its update and its transpose share. */
+#ifndef SBI_EMBED_PRIVATE_H
+#define SBI_EMBED_PRIVATE_H
+
 
 #include <limits.h>
 #include <string.h>
-
-#define SBI_EMBED_COOKIE 0x73626d31u
 
 /* Points are evaluated SBI_EMBED_LANES at a time, whole vectors of any machine; groups are padded to that. The other
  * sizes divide the work among threads and depend on nothing but the problem. */
@@ -43875,12 +47051,133 @@ struct sb_embedding {
     sb_vec3 *normal_pulls;   /* [normal_count] */
 };
 
-/* ---- shape functions of SBI_EMBED_LANES points ---- */
-
 typedef struct sbi_embed_lanes {
     sb_real shape[SB_MAX_ELEMENT_NODES][SBI_EMBED_LANES];
     sb_real slope[SB_MAX_ELEMENT_NODES][3][SBI_EMBED_LANES];
 } sbi_embed_lanes;
+
+typedef struct sbi_embed_vec3 {
+    sb_real x[SBI_EMBED_LANES], y[SBI_EMBED_LANES], z[SBI_EMBED_LANES];
+} sbi_embed_vec3;
+
+SB_INLINE sb_vec3 sbi_embed_lane(const sbi_embed_vec3 *v, int l) { return sb_v3(v->x[l], v->y[l], v->z[l]); }
+SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
+{
+    v->x[l] = value.x;
+    v->y[l] = value.y;
+    v->z[l] = value.z;
+}
+
+/* x -> 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
+SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
+{
+    sb_real y[SBI_EMBED_LANES];
+#if SB_REAL_IS_FLOAT
+    uint32_t bits[SBI_EMBED_LANES];
+    const uint32_t magic = 0x5f3759dfu;
+#else
+    uint64_t bits[SBI_EMBED_LANES];
+    const uint64_t magic = UINT64_C(0x5fe6eb50c7b537a9);
+#endif
+    memcpy(bits, x, sizeof bits);
+    SBI_EMBED_EACH_LANE(l)
+        bits[l] = magic - (bits[l] >> 1);
+    memcpy(y, bits, sizeof y);
+    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+        sb_real half = (sb_real)0.5 * x[l], z = y[l];
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        z = z * ((sb_real)1.5 - half * z * z);
+        x[l] = z * ((sb_real)1.5 - half * z * z);
+    }
+}
+
+/* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
+SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
+{
+    sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
+    SBI_EMBED_EACH_LANE(l)
+        sx[l] = sy[l] = sz[l] = 0;
+    for (int a = 0; a < count; a++) {
+        const sb_real *w = weight + a * stride;
+        SBI_EMBED_EACH_LANE(l) {
+            sx[l] += w[l] * x[a].x;
+            sy[l] += w[l] * x[a].y;
+            sz[l] += w[l] * x[a].z;
+        }
+    }
+    SBI_EMBED_EACH_LANE(l) {
+        out->x[l] = sx[l];
+        out->y[l] = sy[l];
+        out->z[l] = sz[l];
+    }
+}
+
+/* v / |v|, and 1 / |v|. */
+SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
+{
+    SBI_EMBED_EACH_LANE(l)
+        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    sbi_embed_rsqrt(inverse);
+    SBI_EMBED_EACH_LANE(l) {
+        v->x[l] *= inverse[l];
+        v->y[l] *= inverse[l];
+        v->z[l] *= inverse[l];
+    }
+}
+
+/* v += s w */
+SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
+{
+    SBI_EMBED_EACH_LANE(l) {
+        v->x[l] += s[l] * w->x[l];
+        v->y[l] += s[l] * w->y[l];
+        v->z[l] += s[l] * w->z[l];
+    }
+}
+
+/* What a task of an update reads and writes. */
+typedef struct sbi_embed_frame {
+    sb_embedding *embedding;
+    const sb_vec3 *x;
+    sb_vec3 *points, *normals;
+    const sb_vec3 *forces;
+    sb_vec3 *node_forces;
+} sbi_embed_frame;
+
+/* A group's cell in this frame. */
+typedef struct sbi_embed_cell {
+    sb_element_type type;
+    int count;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sb_vec3 normal[SB_MAX_FACE_NODES]; /* OFFSET */
+} sbi_embed_cell;
+
+SB_INLINE int sbi_embed_is_on_face(sb_embedding_hold hold)
+{
+    return hold == SB_EMBEDDED_OFFSET || hold == SB_EMBEDDED_FRAME;
+}
+
+SB_INLINE int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
+
+SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
+                                   sbi_embed_cell *cell);
+/* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
+SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
+                                  int slot, int slopes, sbi_embed_lanes *lanes);
+/* The frame of a face with tangents a and b: along a, across, normal. Zero vectors where it has none. */
+SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b);
+/* Tangents of the cell (d/dr, d/ds, and d/dt of elements). */
+SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3]);
+/* Smooth normals at frame->x. */
+SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs);
+
+#endif /* SBI_EMBED_PRIVATE_H */
+
+/* ==== src/softbody/geometry/embed_update.c ==== */
+/* embed_update: positions and normals of the points from those of the nodes, a group of points at a time. */
+
+/* ---- shape functions of SBI_EMBED_LANES points ---- */
 
 /* Simplices, formulas as in sb_element_shape. */
 static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const xi[3], int slopes,
@@ -43969,114 +47266,10 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
     }
 }
 
-/* ---- vectors of SBI_EMBED_LANES points ---- */
-
-typedef struct sbi_embed_vec3 {
-    sb_real x[SBI_EMBED_LANES], y[SBI_EMBED_LANES], z[SBI_EMBED_LANES];
-} sbi_embed_vec3;
-
-SB_INLINE sb_vec3 sbi_embed_lane(const sbi_embed_vec3 *v, int l) { return sb_v3(v->x[l], v->y[l], v->z[l]); }
-SB_INLINE void sbi_embed_set_lane(sbi_embed_vec3 *v, int l, sb_vec3 value)
-{
-    v->x[l] = value.x;
-    v->y[l] = value.y;
-    v->z[l] = value.z;
-}
-
-/* x -> 1 / sqrt(x), x >= 0, to rounding: unlike sqrt it vectorises on every compiler. Any finite number for x = 0. */
-SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
-{
-    sb_real y[SBI_EMBED_LANES];
-#if SB_REAL_IS_FLOAT
-    uint32_t bits[SBI_EMBED_LANES];
-    const uint32_t magic = 0x5f3759dfu;
-#else
-    uint64_t bits[SBI_EMBED_LANES];
-    const uint64_t magic = UINT64_C(0x5fe6eb50c7b537a9);
-#endif
-    memcpy(bits, x, sizeof bits);
-    SBI_EMBED_EACH_LANE(l)
-        bits[l] = magic - (bits[l] >> 1);
-    memcpy(y, bits, sizeof y);
-    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
-        sb_real half = (sb_real)0.5 * x[l], z = y[l];
-        z = z * ((sb_real)1.5 - half * z * z);
-        z = z * ((sb_real)1.5 - half * z * z);
-        z = z * ((sb_real)1.5 - half * z * z);
-        x[l] = z * ((sb_real)1.5 - half * z * z);
-    }
-}
-
-/* out = sum_a weight_a x_a; the weights of node a start at weight + a * stride. */
-SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride, const sb_vec3 *x, sbi_embed_vec3 *out)
-{
-    sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
-    SBI_EMBED_EACH_LANE(l)
-        sx[l] = sy[l] = sz[l] = 0;
-    for (int a = 0; a < count; a++) {
-        const sb_real *w = weight + a * stride;
-        SBI_EMBED_EACH_LANE(l) {
-            sx[l] += w[l] * x[a].x;
-            sy[l] += w[l] * x[a].y;
-            sz[l] += w[l] * x[a].z;
-        }
-    }
-    SBI_EMBED_EACH_LANE(l) {
-        out->x[l] = sx[l];
-        out->y[l] = sy[l];
-        out->z[l] = sz[l];
-    }
-}
-
-/* v / |v|, and 1 / |v|. */
-SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
-{
-    SBI_EMBED_EACH_LANE(l)
-        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
-    sbi_embed_rsqrt(inverse);
-    SBI_EMBED_EACH_LANE(l) {
-        v->x[l] *= inverse[l];
-        v->y[l] *= inverse[l];
-        v->z[l] *= inverse[l];
-    }
-}
-
-/* v += s w */
-SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
-{
-    SBI_EMBED_EACH_LANE(l) {
-        v->x[l] += s[l] * w->x[l];
-        v->y[l] += s[l] * w->y[l];
-        v->z[l] += s[l] * w->z[l];
-    }
-}
-
 /* ---- evaluation of a group ---- */
 
-/* What a task of an update reads and writes. */
-typedef struct sbi_embed_frame {
-    sb_embedding *embedding;
-    const sb_vec3 *x;
-    sb_vec3 *points, *normals;
-    const sb_vec3 *forces;
-    sb_vec3 *node_forces;
-} sbi_embed_frame;
-
-/* A group's cell in this frame. */
-typedef struct sbi_embed_cell {
-    sb_element_type type;
-    int count;
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    sb_vec3 normal[SB_MAX_FACE_NODES]; /* OFFSET */
-} sbi_embed_cell;
-
-static int sbi_embed_is_on_face(sb_embedding_hold hold)
-{
-    return hold == SB_EMBEDDED_OFFSET || hold == SB_EMBEDDED_FRAME;
-}
-
-static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
-                                  sbi_embed_cell *cell)
+SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
+                                   sbi_embed_cell *cell)
 {
     const int *nodes = e->nodes + group->node_first, *ids = e->normal_of + group->node_first;
     cell->type = sbi_embed_is_on_face(group->hold) ? e->face.type : e->type;
@@ -44088,9 +47281,8 @@ static void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *
     }
 }
 
-/* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
-static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
-                                 int slot, int slopes, sbi_embed_lanes *lanes)
+SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, sb_element_type type, int count,
+                                  int slot, int slopes, sbi_embed_lanes *lanes)
 {
     const sb_real *xi[3];
     for (int k = 0; k < 3; k++)
@@ -44104,15 +47296,13 @@ static void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold, 
                 lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
-/* The frame of a face with tangents a and b: along a, across, normal. Zero vectors where it has none. */
-static sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
+SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
 {
     sb_vec3 along = sbi_embed_unit(a), normal = sbi_embed_unit(sb_v3_cross(a, b));
     return sb_m3_columns(along, sb_v3_cross(normal, along), normal);
 }
 
-/* Tangents of the cell (d/dr, d/ds, and d/dt of elements). */
-static void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3])
+SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lanes *lanes, sbi_embed_vec3 tangent[3])
 {
     for (int k = 0; k < 3; k++)
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &tangent[k]);
@@ -44270,10 +47460,7 @@ static void sbi_embed_task_rings(void *user, int task)
     }
 }
 
-static int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
-
-/* Smooth normals at frame->x. */
-static void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
+SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 {
     const sb_embedding *e = frame->embedding;
     sbi_run(jobs, sbi_embed_task_faces, frame, sbi_embed_tasks(e->face_count, SBI_EMBED_TASK_FACES));
@@ -44298,6 +47485,9 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/embed_forces.c ==== */
+/* embed_forces: the transpose of an update: forces on points brought to the nodes. */
 
 /* ---- the transpose ---- */
 
@@ -44504,6 +47694,11 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
     return SB_OK;
 }
+
+/* ==== src/softbody/geometry/embed.c ==== */
+/* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
+
+#define SBI_EMBED_COOKIE 0x73626d31u
 
 /* ---- creation: where each point is ---- */
 
@@ -46231,7 +49426,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, con
             y[i] = sum;
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             const sb_real *m = matrix->blocks[k];
             sb_vec3 v = x[matrix->columns[k]];
             sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;
@@ -46693,25 +49888,47 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
     return SB_OK;
 }
 
-/* ==== src/softbody/body/step.c ==== */
-/* step: one Newton driver for time steps and static solves.
+/* ==== src/softbody/body/step_parts.h ==== */
+/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
  *
- * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
- * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
- * A du = -r. */
+ *     sbi_step step;
+ *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     do {
+ *         while (result == SB_OK && !step.done) {
+ *             result = sbi_step_solve(&step, guests, guest_count);
+ *             if (result == SB_OK)
+ *                 result = sbi_step_advance(&step);
+ *         }
+ *         if (result == SB_OK)
+ *             result = sbi_step_commit(&step);
+ *     } while (sbi_step_begin_again(&step, &result));
+ *     return result == SB_OK ? result : sbi_step_undo(&step, result);
+ *
+ * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
+ * change the body. */
+#ifndef SB_STEP_PARTS_H
+#define SB_STEP_PARTS_H
 
-#include <string.h>
 
+struct sbi_guest;
 
-typedef struct sbi_newton {
+/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
+typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    int dynamic;
+    sb_step_info own_info;    /* where the caller wants none */
+    double begun;             /* on the body's clock (s) */
+    int dynamic;              /* 1: a time step; 0: a static solve */
+    int done;                 /* 1: nothing is left to be solved */
+    int iteration;            /* of Newton, from 0 */
+    sb_tangent_kind kind;     /* of the tangent in A */
+
+    /* what is solved */
+    sb_real dt;               /* s */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
-    sb_real dt;
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
-                               * pressures, springs and mappings have: 1 in a time step */
+                               * loads that follow the body have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
     sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
     sb_real radius;           /* spectral radius of generalised alpha */
@@ -46723,27 +49940,129 @@ typedef struct sbi_newton {
     int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
                                * has it in A already */
     int has_velocity;         /* v may differ from 0 at the current u */
+
+    /* where it is */
     int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
     sb_real scale;            /* largest force (N), to compare residuals with */
     sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
     sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic, at the current u; valid when energy_known */
+    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
     int energy_known;
     int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
     int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
-} sbi_newton;
+} sbi_step;
+
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
+ * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
+ * the material or the solver refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
+ * not positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
+ * system is ready. */
+SBI_API sb_result sbi_step_advance(sbi_step *step);
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
+ * is told. A failure leaves the step open, as do all failures above. */
+SBI_API sb_result sbi_step_commit(sbi_step *step);
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
+ * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
+ * it. */
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
+/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+
+#endif /* SB_STEP_PARTS_H */
+
+/* ==== src/softbody/body/step_private.h ==== */
+/* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
+#ifndef SB_STEP_PRIVATE_H
+#define SB_STEP_PRIVATE_H
+
+
+/* ---- step_residual.c ---- */
+SBI_API double sbi_step_now(const sb_body *body);
+/* v and a at the present displacement. */
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);
+/* Internal forces at the present displacement, unless they are current. SB_ERROR_INVERTED. */
+SBI_API sb_result sbi_step_force(sbi_step *step);
+/* matrix = A at the present displacement, whose forces are current. */
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
+/* Factor of the mass in A. */
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
+/* Keeps the stiffness at the start of the step for D. */
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
+/* out = K x with the K of D. */
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
+/* residual = r(u), its norm on the free axes, and the force to compare it with. */
+SBI_API void sbi_step_residual(sbi_step *step);
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step);
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step);
+/* 1 when all of the body's materials have an energy inside out. */
+SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_system.c ---- */
+/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
+SBI_API int sbi_step_supports_move(const sbi_step *step);
+/* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
+SBI_API sb_result sbi_step_make_system(sbi_step *step);
+/* Solves it for the body's increment, with guests. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_search.c ---- */
+/* Moves the displacement by the increment, or the share of it that the line search admits. */
+SBI_API sb_result sbi_step_accept(sbi_step *step);
+
+/* ---- step_scheme.c ---- */
+/* external = dead loads and gravity. */
+SBI_API void sbi_step_dead_loads(sb_body *body);
+/* M a = f_ext - f_int - D v: what Newmark starts from. */
+SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step);
+/* Coefficients and predictors of the integrator. */
+SBI_API void sbi_step_scheme(sbi_step *step);
+/* Velocity, acceleration and displacement at the end of the step; SB_ERROR_DIVERGED before anything overflows. */
+SBI_API sb_result sbi_step_finish(sbi_step *step);
+
+/* ---- step.c: begin and end of steps and of static solves ---- */
+SBI_API void sbi_step_begin_info(sb_step_info *info);
+/* Keeps the state that sbi_step_restore gives back. */
+SBI_API void sbi_step_save(sb_body *body);
+SBI_API void sbi_step_restore(sb_body *body);
+/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
+SBI_API void sbi_step_watch_knots(sb_body *body, int unknots);
+/* Materials with Prony terms respond as over a step of dt from now on. */
+SBI_API void sbi_step_enter(sb_body *body, sb_real dt);
+/* The step of dt is done: their memory moves on. */
+SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
+/* Residual at the present displacement and, unless it is small enough, the next linear system. */
+SBI_API sb_result sbi_step_linearise(sbi_step *step);
+/* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
+SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+SBI_API void sbi_step_forget_error(sb_step_info *info);
+/* Sees to it that a failing call says why, whatever failed. */
+SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
+
+#endif /* SB_STEP_PRIVATE_H */
+
+/* ==== src/softbody/body/step_residual.c ==== */
+/* step_residual: forces, tangent and residual of a step or a static solve.
+ *
+ * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
+ * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
+ * A du = -r. */
+#include <string.h>
+
 
 /* ---- small vector loops ---- */
 
-static double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
-
-static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
-{
-    double sum = 0;
-    for (int i = 0; i < count; i++)
-        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
-    return (sb_real)sum;
-}
+SBI_API double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 
 /* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
 typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
@@ -46782,49 +50101,49 @@ static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *
     return sb_sqrt((sb_real)sum);
 }
 
-static sb_vec3 sbi_step_velocity(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sb_v3_madd(b->velocity0[i], newton->cv, sb_v3_sub(b->displacement[i], b->start[i]));
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->velocity0[i], step->cv, sb_v3_sub(b->displacement[i], b->start[i]));
 }
 
-static sb_vec3 sbi_step_acceleration(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sb_v3_madd(b->acceleration0[i], newton->ca, sb_v3_sub(b->displacement[i], b->start[i]));
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->acceleration0[i], step->ca, sb_v3_sub(b->displacement[i], b->start[i]));
 }
 
 /* ---- one Newton iteration: residual ---- */
 
-static sb_result sbi_newton_force(sbi_newton *newton)
+SBI_API sb_result sbi_step_force(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin = sbi_step_now(b);
     int bad = -1;
     if (!b->force_current) {
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
         b->force_current = bad < 0;
     }
-    newton->info->seconds_force += sbi_step_now(b) - begin;
+    step->info->seconds_force += sbi_step_now(b) - begin;
     if (bad >= 0)
-        return sbi_fail_element(&newton->info->error, SB_ERROR_INVERTED, bad,
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
     return SB_OK;
 }
 
-static sb_real sbi_newton_mass_factor(const sbi_newton *newton)
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
 {
-    return newton->dynamic ? newton->ca + newton->body->damping_mass * newton->cv : 0;
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
 }
 
 /* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
-static sb_real sbi_newton_stiffness_factor(const sbi_newton *newton)
+static sb_real sbi_step_stiffness_factor(const sbi_step *step)
 {
-    return newton->dynamic && !newton->lagged_damping ? 1 + newton->body->damping_stiffness * newton->cv : 1;
+    return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
 }
 
 /* The body's matrix with the damping stiffness in place of the tangent; borrowed. */
-static sb_matrix sbi_newton_damping_matrix(const sb_body *b)
+static sb_matrix sbi_step_damping_matrix(const sb_body *b)
 {
     sb_matrix matrix = b->matrix;
     matrix.blocks = b->damping_blocks;
@@ -46832,55 +50151,55 @@ static sb_matrix sbi_newton_damping_matrix(const sb_body *b)
 }
 
 /* matrix = A at the present displacement, whose forces are current. */
-static void sbi_newton_tangent(sbi_newton *newton, sb_tangent_kind kind)
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin = sbi_step_now(b);
-    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_newton_stiffness_factor(newton), &b->matrix);
-    if (newton->dynamic)
-        sbi_body_add_mass(b, sbi_newton_mass_factor(newton));
-    if (newton->lagged_damping) {
-        sb_real factor = b->damping_stiffness * newton->cv;
+    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
+    if (step->dynamic)
+        sbi_body_add_mass(b, sbi_step_mass_factor(step));
+    if (step->lagged_damping) {
+        sb_real factor = b->damping_stiffness * step->cv;
         for (int k = 0; k < b->matrix.block_count; k++)
             for (int c = 0; c < 9; c++)
                 b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
     }
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, kind, newton->loads_factor, &b->matrix);
-    newton->info->seconds_tangent += sbi_step_now(b) - begin;
+        sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
 }
 
 /* Keeps the stiffness at the start of the step for D. Were it to follow the iterations, the step would have no
  * potential to go down, and an indefinite or suddenly larger K would feed energy in. */
-static sb_result sbi_newton_keep_damping(sbi_newton *newton)
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     double begin;
-    sb_result result = sbi_newton_force(newton);
+    sb_result result = sbi_step_force(step);
     if (result != SB_OK)
         return result;
     begin = sbi_step_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
     memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
-    newton->info->seconds_tangent += sbi_step_now(b) - begin;
-    newton->lagged_damping = 1;
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->lagged_damping = 1;
     return SB_OK;
 }
 
 /* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
  * then. */
-static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *x, sb_vec3 *out)
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out)
 {
-    sb_body *b = newton->body;
-    sb_matrix damping = sbi_newton_damping_matrix(b);
-    sb_real mass = sbi_newton_mass_factor(newton), stiffness = (sb_real)1 / sbi_newton_stiffness_factor(newton);
-    if (newton->lagged_damping) {
+    sb_body *b = step->body;
+    sb_matrix damping = sbi_step_damping_matrix(b);
+    sb_real mass = sbi_step_mass_factor(step), stiffness = (sb_real)1 / sbi_step_stiffness_factor(step);
+    if (step->lagged_damping) {
         sb_matrix_multiply(&damping, &x[0].x, &out[0].x, &b->jobs);
         return;
     }
     sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
     if (b->load_count)
-        sbi_loads_subtract_product(b, x, newton->loads_factor, out);
+        sbi_loads_subtract_product(b, x, step->loads_factor, out);
     sbi_body_mass_multiply(b, x, b->work2);
     for (int i = 0; i < b->domain.node_count; i++)
         out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
@@ -46888,101 +50207,163 @@ static void sbi_newton_damping_product(const sbi_newton *newton, const sb_vec3 *
 
 /* Compares residuals with these forces, too: those of each part with its own, for what is little beside the forces of
  * one part may be all that another feels. */
-static void sbi_newton_raise_scale(sbi_newton *newton, const sb_vec3 *force, sbi_step_axes axes)
+static void sbi_step_raise_scale(sbi_step *step, const sb_vec3 *force, sbi_step_axes axes)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     int parts = sbi_step_parts(b)->part_count;
-    newton->scale = sb_max(newton->scale, sbi_step_norm(b, force, axes));
+    step->scale = sb_max(step->scale, sbi_step_norm(b, force, axes));
     for (int c = 0; parts > 1 && c < parts; c++)
         b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_part_norm(b, c, force, axes));
 }
 
 /* residual += M (a + alpha v) + beta K v. */
-static void sbi_newton_add_dynamics(sbi_newton *newton)
+static void sbi_step_add_dynamics(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
-        b->work[i] = sb_v3_madd(sbi_step_acceleration(newton, i), b->damping_mass, sbi_step_velocity(newton, i));
+        b->work[i] = sb_v3_madd(sbi_step_acceleration(step, i), b->damping_mass, sbi_step_velocity(step, i));
     sbi_body_mass_multiply(b, b->work, b->work2);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
-    sbi_newton_raise_scale(newton, b->work2, SBI_STEP_ALL);
-    if (!(b->damping_stiffness > 0) || !newton->has_velocity)
+    sbi_step_raise_scale(step, b->work2, SBI_STEP_ALL);
+    if (!(b->damping_stiffness > 0) || !step->has_velocity)
         return;
     for (int i = 0; i < n; i++)
-        b->work[i] = sbi_step_velocity(newton, i);
-    sbi_newton_damping_product(newton, b->work, b->rhs);
+        b->work[i] = sbi_step_velocity(step, i);
+    sbi_step_damping_product(step, b->work, b->rhs);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
 }
 
 /* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
-static void sbi_newton_add_loads(sbi_newton *newton)
+static void sbi_step_add_loads(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
-    newton->load_size = sbi_loads_force(b, b->displacement, newton->loads_factor);
+    step->load_size = sbi_loads_force(b, b->displacement, step->loads_factor);
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
-    sbi_newton_raise_scale(newton, b->follower, SBI_STEP_ALL);
+    sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
 /* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_newton_unbalanced(const sb_body *b)
+static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
 {
     return b->elimination ? b->elimination->reduced : b->residual;
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
-static void sbi_newton_residual(sbi_newton *newton)
+SBI_API void sbi_step_residual(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
     for (int i = 0; i < n; i++)
         b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
-    newton->scale = 0;
+    step->scale = 0;
     memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
-    sbi_newton_raise_scale(newton, b->external, SBI_STEP_ALL);
-    sbi_newton_raise_scale(newton, b->internal, SBI_STEP_HELD);
+    sbi_step_raise_scale(step, b->external, SBI_STEP_ALL);
+    sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
     if (b->load_count)
-        sbi_newton_add_loads(newton);
-    if (newton->dynamic) {
-        sbi_newton_raise_scale(newton, b->internal, SBI_STEP_ALL);
-        sbi_newton_add_dynamics(newton);
+        sbi_step_add_loads(step);
+    if (step->dynamic) {
+        sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
+        sbi_step_add_dynamics(step);
     }
-    newton->last_norm = newton->norm;
+    step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    newton->norm = sbi_step_norm(b, sbi_newton_unbalanced(b), SBI_STEP_FREE);
+    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
 }
 
-/* ---- one Newton iteration: linear solve ---- */
+/* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
+static int sbi_step_is_exhausted(const sb_body *b)
+{
+    sb_real largest = 0, size = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        largest = sb_max(largest, sb_v3_dot(b->increment[i], b->increment[i]));
+        size = sb_max(size, sb_v3_dot(b->displacement[i], b->displacement[i]));
+    }
+    return largest <= 16 * SB_EPSILON * SB_EPSILON * size;
+}
+
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step)
+{
+    sb_result result = sbi_step_force(step);
+    if (result != SB_OK)
+        return result;
+    step->moves_supports = sbi_step_supports_move(step);
+    if (step->linearised) /* its residual may need K v */
+        sbi_step_tangent(step, SB_TANGENT_QUASI);
+    sbi_step_residual(step);
+    if (!sb_is_finite(step->norm))
+        return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
+    return SB_OK;
+}
+
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
+ * `rounding` (N). */
+static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
+{
+    const sb_body *b = step->body;
+    int parts = sbi_step_parts(b)->part_count, meet = 1;
+    step->info->residual = 0;
+    for (int c = 0; c < parts; c++) {
+        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (scale > 0)
+            step->info->residual = sb_max(step->info->residual, norm / scale);
+        meet &= norm <= step->tolerance * scale || norm <= rounding;
+    }
+    return meet;
+}
+
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step)
+{
+    sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
+    int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
+    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+}
+
+SBI_API int sbi_step_allows_inversion(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_allows_inversion(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+/* ==== src/softbody/body/step_system.c ==== */
+/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution, reactions. */
+#include <string.h>
+
 
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
-static sb_vec3 sbi_newton_goal(const sbi_newton *newton, int i)
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    if (newton->load_factor == 1)
+    const sb_body *b = step->body;
+    if (step->load_factor == 1)
         return b->target[i];
-    return sb_v3_madd(b->start[i], newton->load_factor, sb_v3_sub(b->target[i], b->start[i]));
+    return sb_v3_madd(b->start[i], step->load_factor, sb_v3_sub(b->target[i], b->start[i]));
 }
 
 /* What supported axes of node i still have to go. */
-static sb_vec3 sbi_newton_way_to_go(const sbi_newton *newton, int i)
+static sb_vec3 sbi_step_way_to_go(const sbi_step *step, int i)
 {
-    const sb_body *b = newton->body;
-    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_newton_goal(newton, i), b->displacement[i]), sb_v3(0, 0, 0));
+    const sb_body *b = step->body;
+    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_step_goal(step, i), b->displacement[i]), sb_v3(0, 0, 0));
 }
 
-static int sbi_newton_supports_move(const sbi_newton *newton)
+SBI_API int sbi_step_supports_move(const sbi_step *step)
 {
-    const sb_body *b = newton->body;
-    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, newton->load_factor))
+    const sb_body *b = step->body;
+    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, step->load_factor))
         return 1;
     for (int i = 0; i < b->domain.node_count; i++)
         if (b->fixed[i]) {
-            sb_vec3 go = sbi_newton_way_to_go(newton, i);
+            sb_vec3 go = sbi_step_way_to_go(step, i);
             if (go.x != 0 || go.y != 0 || go.z != 0)
                 return 1;
         }
@@ -46990,36 +50371,36 @@ static int sbi_newton_supports_move(const sbi_newton *newton)
 }
 
 /* Start of the linear solve: what the motion predicts on free axes, the way still to go on supported ones. */
-static void sbi_newton_predict(sbi_newton *newton, int first)
+static void sbi_step_predict(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 coast = sb_v3(0, 0, 0);
-        if (first && newton->dynamic)
-            coast = sb_v3_scale(newton->level * newton->dt, b->velocity[i]);
-        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_way_to_go(newton, i), coast);
+        if (step->iteration == 0 && step->dynamic)
+            coast = sb_v3_scale(step->level * step->dt, b->velocity[i]);
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast);
     }
 }
 
 /* Keeps the rows of supported nodes, which the reactions need, before they are masked. */
-static void sbi_newton_keep_support_rows(sb_body *b)
+static void sbi_step_keep_support_rows(sb_body *b)
 {
     const sb_matrix *matrix = &b->matrix;
     sb_real(*out)[9] = b->support_blocks;
     for (int i = 0; i < matrix->row_count; i++)
         if (b->fixed[i] && b->node_component[i] >= 0) {
-            int count = matrix->row_start[i + 1] - matrix->row_start[i];
+            int count = matrix->row_end[i] - matrix->row_start[i];
             memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
             out += count;
         }
 }
 
 /* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
-static void sbi_newton_constrained_reactions(const sbi_newton *newton)
+static void sbi_step_constrained_reactions(const sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    if (newton->linearised) {
+    if (step->linearised) {
         sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
@@ -47028,14 +50409,14 @@ static void sbi_newton_constrained_reactions(const sbi_newton *newton)
 }
 
 /* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-static void sbi_newton_reactions(const sbi_newton *newton)
+SBI_API void sbi_step_reactions(const sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
     if (b->elimination) {
-        sbi_newton_constrained_reactions(newton);
+        sbi_step_constrained_reactions(step);
         return;
     }
     for (int i = 0; i < matrix->row_count; i++) {
@@ -47043,7 +50424,7 @@ static void sbi_newton_reactions(const sbi_newton *newton)
         b->reaction[i] = zero;
         if (!b->fixed[i] || b->node_component[i] < 0)
             continue;
-        for (int k = matrix->row_start[i]; newton->linearised && k < matrix->row_start[i + 1]; k++, row++) {
+        for (int k = matrix->row_start[i]; step->linearised && k < matrix->row_end[i]; k++, row++) {
             sb_vec3 d = b->increment[matrix->columns[k]];
             const sb_real *m = *row;
             sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
@@ -47055,21 +50436,21 @@ static void sbi_newton_reactions(const sbi_newton *newton)
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
  * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
-static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iteration)
+static sb_real sbi_step_linear_tolerance(const sbi_step *step)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
     int linear = 1;
-    if (newton->linear_tolerance > 0)
-        return newton->linear_tolerance;
+    if (step->linear_tolerance > 0)
+        return step->linear_tolerance;
     for (int i = 0; i < b->material_count; i++)
         linear = linear && sb_material_is_linear(b->materials[i].model);
-    if (newton->norm > 0)
-        enough = (sb_real)0.1 * newton->tolerance * newton->scale / newton->norm;
+    if (step->norm > 0)
+        enough = (sb_real)0.1 * step->tolerance * step->scale / step->norm;
     if (linear)
-        return sb_max(sb_min((sb_real)0.1 * newton->tolerance, enough), least);
-    if (iteration > 0 && newton->last_norm > 0) {
-        sb_real ratio = newton->norm / newton->last_norm;
+        return sb_max(sb_min((sb_real)0.1 * step->tolerance, enough), least);
+    if (step->iteration > 0 && step->last_norm > 0) {
+        sb_real ratio = step->norm / step->last_norm;
         forcing = sb_min(forcing, (sb_real)0.5 * ratio * ratio);
     }
     return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
@@ -47077,11 +50458,11 @@ static sb_real sbi_newton_linear_tolerance(const sbi_newton *newton, int iterati
 
 /* T^T A T du' = T^T (-r - A g) in place of A du = -r, g being the jump that closes the constraints' gaps while their
  * masters rest. Returns 1 when there is one. */
-static int sbi_newton_condense(sbi_newton *newton)
+static int sbi_step_condense(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     sbi_elimination *e = b->elimination;
-    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, newton->load_factor);
+    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, step->load_factor);
     if (open) {
         memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
         sbi_elimination_expand(e, b->work, 1);
@@ -47097,78 +50478,97 @@ static int sbi_newton_condense(sbi_newton *newton)
     return open;
 }
 
-/* Solves A du = -r with the supports' increments prescribed. */
-static sb_result sbi_newton_solve(sbi_newton *newton, int iteration)
+SBI_API sb_result sbi_step_make_system(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_step_info *info = newton->info;
-    sb_pcg_options options = sb_default_pcg_options();
-    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sb_body *b = step->body;
     sbi_elimination *e = b->elimination;
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
-    sb_preconditioner *precond = e ? e->precond : b->precond;
     sb_result result;
-    int open = 0;
-    double begin = sbi_step_now(b), middle;
-    sbi_newton_predict(newton, iteration == 0);
+    double begin = sbi_step_now(b);
+    step->opens_gaps = 0;
+    sbi_step_predict(step);
     for (int i = 0; i < b->domain.node_count; i++)
         b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
     if (e)
-        open = sbi_newton_condense(newton);
+        step->opens_gaps = sbi_step_condense(step);
     else
-        sbi_newton_keep_support_rows(b);
+        sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, precond, matrix, &info->error);
-    middle = sbi_step_now(b);
-    info->seconds_precond += middle - begin;
-    if (result != SB_OK)
-        return result;
-    options.tolerance = (double)sbi_newton_linear_tolerance(newton, iteration);
-    options.max_iterations = newton->max_iterations;
+    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    step->info->seconds_precond += sbi_step_now(b) - begin;
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+{
+    sb_body *b = step->body;
+    sb_step_info *info = step->info;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sbi_elimination *e = b->elimination;
+    sb_result result;
+    double begin = sbi_step_now(b);
+    (void)guests; /* conjugate gradients have none yet */
+    SB_ASSERT(guest_count == 0);
+    (void)guest_count;
+    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(matrix, precond, &b->rhs[0].x, &b->increment[0].x, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_step_now(b) - middle;
+    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
-    if (newton->linearised)
+    if (step->linearised)
         info->residual = (sb_real)pcg.residual;
     if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
         info->capped |= pcg.capped;
         result = SB_OK;
     }
     if (e)
-        sbi_elimination_expand(e, b->increment, open);
+        sbi_elimination_expand(e, b->increment, step->opens_gaps);
     return result;
 }
 
-/* ---- one Newton iteration: line search ---- */
+/* ==== src/softbody/body/step_search.c ==== */
+/* step_search: how much of a Newton increment is taken. */
+#include <string.h>
+
+
+static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
+    return (sb_real)sum;
+}
 
 /* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
  * loads. Pressures may have no potential; the work they do along the line serves in its place. */
-typedef struct sbi_newton_line {
+typedef struct sbi_step_line {
     sb_real slope;      /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
-} sbi_newton_line;
+} sbi_step_line;
 
-static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
+static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     int n = b->domain.node_count;
-    sbi_newton_line line = {0, 0, 0, 0, 0};
+    sbi_step_line line = {0, 0, 0, 0, 0};
     line.slope = sbi_step_dot(b->residual, b->increment, n);
     line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
-    if (newton->dynamic) {
+    if (step->dynamic) {
         sbi_body_mass_multiply(b, b->increment, b->work);
-        line.quadratic = sbi_newton_mass_factor(newton) * sbi_step_dot(b->increment, b->work, n);
-        if (newton->lagged_damping) {
-            sbi_newton_damping_product(newton, b->increment, b->work);
-            line.quadratic += b->damping_stiffness * newton->cv * sbi_step_dot(b->increment, b->work, n);
+        line.quadratic = sbi_step_mass_factor(step) * sbi_step_dot(b->increment, b->work, n);
+        if (step->lagged_damping) {
+            sbi_step_damping_product(step, b->increment, b->work);
+            line.quadratic += b->damping_stiffness * step->cv * sbi_step_dot(b->increment, b->work, n);
         }
         line.quadratic *= (sb_real)0.5;
     }
     if (b->load_count) { /* the residual has their linear part */
-        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, newton->loads_factor);
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, step->loads_factor);
         line.quadratic -= work.quadratic;
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
@@ -47179,261 +50579,130 @@ static sbi_newton_line sbi_newton_make_line(sbi_newton *newton)
 /* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
  * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
  * on theirs. */
-static void sbi_newton_trial(const sbi_newton *newton, sb_real t)
+static void sbi_step_trial(const sbi_step *step, sb_real t)
 {
-    const sb_body *b = newton->body;
+    const sb_body *b = step->body;
     for (int i = 0; i < b->domain.node_count; i++) {
         b->work2[i] = sb_v3_madd(b->displacement[i], t, b->increment[i]);
         if (t == 1 && b->fixed[i])
-            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->work2[i]);
+            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->work2[i]);
     }
-    if (b->elimination && (t == 1 || !newton->moves_supports))
-        sbi_elimination_follow(b->elimination, b->work2, newton->load_factor);
+    if (b->elimination && (t == 1 || !step->moves_supports))
+        sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
 }
 
 /* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
-static int sbi_newton_try(sbi_newton *newton, const sb_vec3 *trial, sb_real *energy, int *bad)
+static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
 {
-    *bad = sbi_assembly_energy(&newton->body->assembly, trial, energy);
+    *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_newton_take(sbi_newton *newton, const sb_vec3 *trial, sb_real energy)
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    newton->energy = energy;
-    newton->energy_known = 1;
+    step->energy = energy;
+    step->energy_known = 1;
 }
 
-static sb_result sbi_newton_no_step(sbi_newton *newton, int bad)
+static sb_result sbi_step_no_step(sbi_step *step, int bad)
 {
     if (bad >= 0)
-        return sbi_fail_element(&newton->info->error, SB_ERROR_INVERTED, bad,
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d would turn inside out however short the step", bad);
-    return sbi_fail(&newton->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
 }
 
 /* While supports move, work comes in through them and no energy has to fall: the longest admissible share of the
  * increment is taken. In a time step the increment may be far off, when a tool jumps by more than an element; then
  * the supports alone move if that costs less, and the next iterations bring the rest along. */
-static sb_result sbi_newton_move_supports(sbi_newton *newton)
+static sb_result sbi_step_move_supports(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real least = newton->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
+    sb_body *b = step->body;
+    sb_real least = step->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
     sb_real energy = 0, alone = 0, t;
     int bad = -1;
     for (t = 1; t > least; t *= (sb_real)0.5) {
-        sbi_newton_trial(newton, t);
-        if (sbi_newton_try(newton, b->work2, &energy, &bad))
+        sbi_step_trial(step, t);
+        if (sbi_step_try(step, b->work2, &energy, &bad))
             break;
     }
-    if (newton->dynamic && (t < 1 || energy > 0)) {
+    if (step->dynamic && (t < 1 || energy > 0)) {
         for (int i = 0; i < b->domain.node_count; i++)
-            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_newton_goal(newton, i), b->displacement[i]);
+            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->displacement[i]);
         if (b->elimination)
-            sbi_elimination_follow(b->elimination, b->work, newton->load_factor);
-        if (sbi_newton_try(newton, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_newton_take(newton, b->work, alone);
+            sbi_elimination_follow(b->elimination, b->work, step->load_factor);
+        if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
+            sbi_step_take(step, b->work, alone);
             return SB_OK;
         }
     }
     if (!(t > least))
-        return sbi_newton_no_step(newton, bad);
-    sbi_newton_take(newton, b->work2, energy);
+        return sbi_step_no_step(step, bad);
+    sbi_step_take(step, b->work2, energy);
     return SB_OK;
 }
 
 /* Takes the first share t = 1, 1/2, 1/4 ... of the increment whose shape is admissible and whose potential fell
  * enough (Armijo). */
-static sb_result sbi_newton_search(sbi_newton *newton)
+static sb_result sbi_step_search(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sbi_newton_line line;
+    sb_body *b = step->body;
+    sbi_step_line line;
     int bad = -1;
-    if (!newton->energy_known && !sbi_newton_try(newton, b->displacement, &newton->energy, &bad))
-        return sbi_newton_no_step(newton, bad);
-    newton->energy_known = 1;
-    line = sbi_newton_make_line(newton);
-    if (!(line.slope < 0) && !newton->linearised)
+    if (!step->energy_known && !sbi_step_try(step, b->displacement, &step->energy, &bad))
+        return sbi_step_no_step(step, bad);
+    step->energy_known = 1;
+    line = sbi_step_make_line(step);
+    if (!(line.slope < 0) && !step->linearised)
         return SB_ERROR_INDEFINITE;
     line.slope = sb_min(line.slope, 0);
     for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
         sb_real energy, change, noise;
-        sbi_newton_trial(newton, t);
-        if (!sbi_newton_try(newton, b->work2, &energy, &bad))
+        sbi_step_trial(step, t);
+        if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
-        change = energy - newton->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(newton->energy) + sb_abs(t * line.linear) +
+        change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) +
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_newton_take(newton, b->work2, energy);
-            newton->cautious = t < 1;
+            sbi_step_take(step, b->work2, energy);
+            step->cautious = t < 1;
             return SB_OK;
         }
     }
-    return sbi_newton_no_step(newton, bad);
+    return sbi_step_no_step(step, bad);
 }
 
-static sb_result sbi_newton_accept(sbi_newton *newton)
+SBI_API sb_result sbi_step_accept(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     sb_result result = SB_OK;
-    if (newton->line_search) {
-        result = newton->moves_supports ? sbi_newton_move_supports(newton) : sbi_newton_search(newton);
+    if (step->line_search) {
+        result = step->moves_supports ? sbi_step_move_supports(step) : sbi_step_search(step);
     } else {
-        sbi_newton_trial(newton, 1);
+        sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
     }
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++)
         if (!sb_v3_is_finite(b->displacement[i]))
-            return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
                                  i);
     b->force_current = 0;
-    newton->has_velocity = 1;
+    step->has_velocity = 1;
     return SB_OK;
 }
 
-/* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
-static int sbi_newton_is_exhausted(const sb_body *b)
-{
-    sb_real largest = 0, size = 0;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        largest = sb_max(largest, sb_v3_dot(b->increment[i], b->increment[i]));
-        size = sb_max(size, sb_v3_dot(b->displacement[i], b->displacement[i]));
-    }
-    return largest <= 16 * SB_EPSILON * SB_EPSILON * size;
-}
+/* ==== src/softbody/body/step_scheme.c ==== */
+/* step_scheme: the integrators of implicit steps: where they start and what they end with. */
+#include <string.h>
 
-/* ---- the Newton loop ---- */
 
-/* One iteration with the given tangent; SB_ERROR_INDEFINITE asks for a projected one. */
-static sb_result sbi_newton_iterate(sbi_newton *newton, int iteration, sb_tangent_kind kind)
-{
-    sb_result result = sbi_newton_solve(newton, iteration);
-    if (result == SB_OK)
-        result = sbi_newton_accept(newton);
-    if (result == SB_ERROR_INDEFINITE && kind != SB_TANGENT_EXACT)
-        return sbi_fail(&newton->info->error, result, "the projected tangent is not positive definite: %s",
-                        newton->moves_supports ? "supports move too far in one step"
-                                               : "the body is not supported, or torn beyond what can be solved");
-    return result;
-}
-
-/* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
- * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
- * must be safe by itself. */
-static sb_tangent_kind sbi_newton_first_kind(sbi_newton *newton)
-{
-    newton->quasi = newton->quasi && !(newton->last_norm > 0 && newton->norm > (sb_real)0.5 * newton->last_norm);
-    if (newton->quasi)
-        return SB_TANGENT_QUASI;
-    return newton->cautious || (newton->dynamic && newton->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
-}
-
-/* Forces, residual, and the tangent of a linearised step. */
-static sb_result sbi_newton_evaluate(sbi_newton *newton)
-{
-    sb_result result = sbi_newton_force(newton);
-    if (result != SB_OK)
-        return result;
-    newton->moves_supports = sbi_newton_supports_move(newton);
-    if (newton->linearised) /* its residual may need K v */
-        sbi_newton_tangent(newton, SB_TANGENT_QUASI);
-    sbi_newton_residual(newton);
-    if (!sb_is_finite(newton->norm))
-        return sbi_fail(&newton->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
-    return SB_OK;
-}
-
-/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
- * `rounding` (N). */
-static int sbi_newton_parts_meet(sbi_newton *newton, sb_real rounding)
-{
-    const sb_body *b = newton->body;
-    int parts = sbi_step_parts(b)->part_count, meet = 1;
-    newton->info->residual = 0;
-    for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_newton_unbalanced(b), SBI_STEP_FREE) : newton->norm;
-        sb_real scale = parts > 1 ? b->part_scale[c] : newton->scale;
-        if (scale > 0)
-            newton->info->residual = sb_max(newton->info->residual, norm / scale);
-        meet &= norm <= newton->tolerance * scale || norm <= rounding;
-    }
-    return meet;
-}
-
-/* 1 when the residual is small enough, or as small as rounding lets it become. */
-static int sbi_newton_is_converged(sbi_newton *newton, int iteration)
-{
-    sb_real rounding = 16 * SB_EPSILON * (newton->body->force_unit + newton->load_size);
-    int meet = sbi_newton_parts_meet(newton, iteration > 0 ? rounding : 0);
-    return !newton->moves_supports && (meet || (iteration > 0 && sbi_newton_is_exhausted(newton->body)));
-}
-
-static int sbi_newton_allows_inversion(const sb_body *b)
-{
-    for (int i = 0; i < b->material_count; i++)
-        if (!sb_material_allows_inversion(b->materials[i].model))
-            return 0;
-    return 1;
-}
-
-/* The one iteration of a linearised step. Where the material forbids inverted elements the new shape is tried at once
- * (the next step finds its forces done): the body must stay steppable. */
-static sb_result sbi_newton_linearised(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    sb_result result = sbi_newton_iterate(newton, 0, SB_TANGENT_QUASI);
-    for (int i = 0; newton->line_search && result == SB_OK && i < b->domain.node_count; i++)
-        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
-    if (result == SB_OK && !sbi_newton_allows_inversion(b))
-        result = sbi_newton_force(newton);
-    return result;
-}
-
-/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
- * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
-static int sbi_newton_is_tame(const sb_body *b)
-{
-    for (int i = 0; i < b->material_count; i++)
-        if (sb_material_is_hyperelastic(b->materials[i].model))
-            return 0;
-    return 1;
-}
-
-/* Iterates to r(u) = 0 (or once, for a linearised step). The displacement is moved; the caller undoes failures. */
-static sb_result sbi_newton_run(sbi_newton *newton)
-{
-    for (int iteration = 0;; iteration++) {
-        sb_tangent_kind kind;
-        sb_result result = sbi_newton_evaluate(newton);
-        if (result != SB_OK)
-            return result;
-        if (newton->linearised)
-            return sbi_newton_linearised(newton);
-        if (sbi_newton_is_converged(newton, iteration))
-            return SB_OK;
-        if (iteration == newton->max_newton)
-            return SB_ERROR_NOT_CONVERGED;
-        kind = sbi_newton_first_kind(newton);
-        sbi_newton_tangent(newton, kind);
-        result = sbi_newton_iterate(newton, iteration, kind);
-        if (result == SB_ERROR_INDEFINITE && kind == SB_TANGENT_EXACT) {
-            sbi_newton_tangent(newton, SB_TANGENT_SPD);
-            result = sbi_newton_iterate(newton, iteration, SB_TANGENT_SPD);
-        }
-        if (result != SB_OK)
-            return result;
-    }
-}
-
-/* ---- time steps ---- */
-
-static void sbi_step_loads(sb_body *b)
+SBI_API void sbi_step_dead_loads(sb_body *b)
 {
     for (int i = 0; i < b->domain.node_count; i++)
         b->work[i] = b->gravity;
@@ -47443,10 +50712,10 @@ static void sbi_step_loads(sb_body *b)
 }
 
 /* The same of a constrained body with its lumped mass: slaves hand forces and masses to their masters. */
-static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
+static sb_result sbi_step_lumped_acceleration(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_result result = sbi_constraint_explicit_check(b, &newton->info->error);
+    sb_body *b = step->body;
+    sb_result result = sbi_constraint_explicit_check(b, &step->info->error);
     if (result != SB_OK)
         return result;
     for (int i = 0; i < b->domain.node_count; i++) {
@@ -47458,34 +50727,36 @@ static sb_result sbi_step_lumped_acceleration(sbi_newton *newton)
 }
 
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
-static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
+SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_result result = sbi_newton_force(newton);
-    sbi_newton start = *newton;
+    sb_body *b = step->body;
+    sb_result result = sbi_step_force(step);
+    sbi_step start = *step;
     int n = b->domain.node_count;
     if (result != SB_OK)
         return result;
     start.cv = start.ca = 0;
     start.linear_tolerance = 100 * SB_EPSILON;
-    start.max_iterations = sbi_max_int(newton->max_iterations, 1000);
+    start.max_iterations = sbi_max_int(step->max_iterations, 1000);
     memcpy(b->velocity0, b->velocity, (size_t)n * sizeof(sb_vec3));
     memset(b->acceleration0, 0, (size_t)n * sizeof(sb_vec3));
     start.has_velocity = 1;
     if (!start.lagged_damping)
-        sbi_newton_tangent(&start, SB_TANGENT_QUASI);
-    sbi_newton_residual(&start);
+        sbi_step_tangent(&start, SB_TANGENT_QUASI);
+    sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
     sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    result = sbi_newton_solve(&start, 0);
+    result = sbi_step_make_system(&start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(&start, NULL, 0);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
-        return sbi_step_lumped_acceleration(newton);
+        return sbi_step_lumped_acceleration(step);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
         b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
                                                 sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
@@ -47495,15 +50766,15 @@ static sb_result sbi_step_initial_acceleration(sbi_newton *newton)
 /* Generalised alpha (Chung and Hulbert 1993) in the unknown u at the level 1 - alpha_f of the step: with
  * d = (u - start) / level the Newmark rules give a' and v' at its end, and
  *     v = level v' + (1 - level) v_n,  a = inertia_level a' + (1 - inertia_level) a_n. */
-static void sbi_step_scheme_alpha(sbi_newton *newton)
+static void sbi_step_scheme_alpha(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real dt = newton->dt, r = newton->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
+    sb_body *b = step->body;
+    sb_real dt = step->dt, r = step->radius, level = 1 / (1 + r), inertia = (2 - r) / (1 + r);
     sb_real gamma = inertia - level + (sb_real)0.5, beta = (1 + inertia - level) * (1 + inertia - level) / 4;
-    newton->level = newton->load_factor = level;
-    newton->inertia_level = inertia;
-    newton->cv = gamma / (beta * dt);
-    newton->ca = inertia / (beta * dt * dt * level);
+    step->level = step->load_factor = level;
+    step->inertia_level = inertia;
+    step->cv = gamma / (beta * dt);
+    step->ca = inertia / (beta * dt * dt * level);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
         sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
@@ -47513,25 +50784,25 @@ static void sbi_step_scheme_alpha(sbi_newton *newton)
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
             sb_vec3 rate_now = sb_v3_madd(sb_v3_scale(1 - level, v), level, rate);
             sb_vec3 change_now = sb_v3_madd(sb_v3_scale(1 - inertia, a), inertia, change);
-            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -newton->cv * level, go), v0);
-            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -newton->ca * level, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate_now, -step->cv * level, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change_now, -step->ca * level, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, level, inertia);
-    newton->has_velocity = 1;
+        sbi_constraint_scheme(b, step->cv, step->ca, dt, level, inertia);
+    step->has_velocity = 1;
 }
 
-/* Coefficients and predictors of the integrator. Supported axes move evenly to their targets. */
-static void sbi_step_scheme(sbi_newton *newton)
+/* Implicit Euler and Newmark. Supported axes move evenly to their targets. */
+static void sbi_step_scheme_newmark(sbi_step *step)
 {
-    sb_body *b = newton->body;
-    sb_real dt = newton->dt;
+    sb_body *b = step->body;
+    sb_real dt = step->dt;
     int newmark = b->integrator == SB_NEWMARK;
-    newton->cv = (newmark ? 2 : 1) / dt;
-    newton->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->cv = (newmark ? 2 : 1) / dt;
+    step->ca = (newmark ? 4 : 1) / (dt * dt);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {
@@ -47541,16 +50812,174 @@ static void sbi_step_scheme(sbi_newton *newton)
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
-            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -newton->cv, go), v0);
-            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -newton->ca, go), a0);
+            v0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(rate, -step->cv, go), v0);
+            a0 = sbi_body_pick_axes(b->fixed[i], sb_v3_madd(change, -step->ca, go), a0);
         }
         b->velocity0[i] = v0;
         b->acceleration0[i] = a0;
     }
     if (b->elimination)
-        sbi_constraint_scheme(b, newton->cv, newton->ca, dt, 1, 1);
-    newton->has_velocity = newmark;
+        sbi_constraint_scheme(b, step->cv, step->ca, dt, 1, 1);
+    step->has_velocity = newmark;
 }
+
+SBI_API void sbi_step_scheme(sbi_step *step)
+{
+    if (step->body->integrator == SB_GENERALISED_ALPHA)
+        sbi_step_scheme_alpha(step);
+    else
+        sbi_step_scheme_newmark(step);
+}
+
+/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
+static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
+{
+    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
+}
+
+/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
+ * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
+ * the material forbids some (the next step finds its forces done). */
+static sb_result sbi_step_finish_alpha(sbi_step *step)
+{
+    sb_body *b = step->body;
+    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->displacement[i] =
+            sbi_body_pick_axes(b->fixed[i], b->target[i],
+                               sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
+    if (b->elimination)
+        sbi_elimination_follow(b->elimination, b->displacement, 1);
+    b->force_current = 0;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+SBI_API sb_result sbi_step_finish(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int alpha = b->integrator == SB_GENERALISED_ALPHA;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 v = sbi_step_velocity(step, i), a = sbi_step_acceleration(step, i);
+        if (alpha) {
+            v = sbi_step_extrapolate(b->velocity[i], v, step->level);
+            a = sbi_step_extrapolate(b->acceleration[i], a, step->inertia_level);
+        }
+        if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
+                                 i);
+        b->velocity[i] = v;
+        b->acceleration[i] = a;
+    }
+    if (alpha) {
+        sb_result result = sbi_step_finish_alpha(step);
+        if (result != SB_OK)
+            return result;
+    }
+    sbi_body_update_positions(b);
+    b->acceleration_known = 1;
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/step.c ==== */
+/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See step_residual.c
+ * for what is solved. */
+
+#include <string.h>
+
+
+/* ---- the Newton iteration ---- */
+
+/* The exact tangent where its convergence pays. Far from the solution its directions are poor, which shows in short
+ * increments; and while a time step still moves supports, no line search watches the increment, so that the tangent
+ * must be safe by itself. */
+static sb_tangent_kind sbi_step_first_kind(sbi_step *step)
+{
+    step->quasi = step->quasi && !(step->last_norm > 0 && step->norm > (sb_real)0.5 * step->last_norm);
+    if (step->quasi)
+        return SB_TANGENT_QUASI;
+    return step->cautious || (step->dynamic && step->moves_supports) ? SB_TANGENT_SPD : SB_TANGENT_EXACT;
+}
+
+/* An exact tangent that is not positive definite is made anew, projected, and with it the system; other failures stay
+ * what they are. */
+static sb_result sbi_step_project(sbi_step *step, sb_result result)
+{
+    if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
+        step->kind = SB_TANGENT_SPD;
+        sbi_step_tangent(step, step->kind);
+        result = sbi_step_make_system(step);
+    }
+    if (result == SB_ERROR_INDEFINITE)
+        return sbi_fail(&step->info->error, result, "the projected tangent is not positive definite: %s",
+                        step->moves_supports ? "supports move too far in one step"
+                                             : "the body is not supported, or torn beyond what can be solved");
+    return result;
+}
+
+SBI_API sb_result sbi_step_linearise(sbi_step *step)
+{
+    sb_result result = sbi_step_evaluate(step);
+    if (result != SB_OK)
+        return result;
+    step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
+    if (!step->linearised) {
+        step->done = sbi_step_is_converged(step);
+        if (!step->done && step->iteration == step->max_newton) {
+            if (!step->dynamic || step->moves_supports)
+                return SB_ERROR_NOT_CONVERGED;
+            step->done = step->info->capped = 1; /* each iteration lowered the potential */
+        }
+        if (step->done)
+            return SB_OK;
+        step->kind = sbi_step_first_kind(step);
+        sbi_step_tangent(step, step->kind);
+    }
+    return sbi_step_project(step, sbi_step_make_system(step));
+}
+
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+{
+    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
+        result = sbi_step_project(step, result);
+        if (result == SB_OK)
+            result = sbi_step_solve_system(step, guests, guest_count);
+    }
+    return sbi_step_project(step, result);
+}
+
+/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried at
+ * once (the next step finds its forces done): the body must stay steppable. */
+static sb_result sbi_step_end_linearised(sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int i = 0; step->line_search && i < b->domain.node_count; i++)
+        b->increment[i] = sb_v3_sub(b->displacement[i], b->start[i]); /* a share of it: what the reactions go by */
+    step->done = 1;
+    return sbi_step_allows_inversion(b) ? SB_OK : sbi_step_force(step);
+}
+
+SBI_API sb_result sbi_step_advance(sbi_step *step)
+{
+    sb_result result = sbi_step_accept(step);
+    if (result != SB_OK)
+        return sbi_step_project(step, result);
+    step->iteration++;
+    return step->linearised ? sbi_step_end_linearised(step) : sbi_step_linearise(step);
+}
+
+SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
+{
+    sb_result result = begun;
+    while (result == SB_OK && !step->done) {
+        result = sbi_step_solve(step, NULL, 0);
+        if (result == SB_OK)
+            result = sbi_step_advance(step);
+    }
+    return result;
+}
+
+/* ---- begin and end ---- */
 
 /* What a failing step gives back, and where it is kept meanwhile. */
 typedef struct sbi_step_pair {
@@ -47571,7 +51000,7 @@ static void sbi_step_pairs(sb_body *b, sbi_step_pair pairs[SBI_STEP_PAIRS])
     }
 }
 
-static void sbi_step_save(sb_body *b)
+SBI_API void sbi_step_save(sb_body *b)
 {
     sbi_step_pair pairs[SBI_STEP_PAIRS];
     sbi_step_pairs(b, pairs);
@@ -47587,7 +51016,7 @@ static void sbi_step_save(sb_body *b)
     sbi_assembly_save_rotations(&b->assembly);
 }
 
-static void sbi_step_undo(sb_body *b)
+SBI_API void sbi_step_restore(sb_body *b)
 {
     sbi_step_pair pairs[SBI_STEP_PAIRS];
     sbi_step_pairs(b, pairs);
@@ -47604,57 +51033,7 @@ static void sbi_step_undo(sb_body *b)
     sbi_body_update_positions(b);
 }
 
-/* The value at the end of the step of what was `before` at its start and is `now` at the level of balance. */
-static sb_vec3 sbi_step_extrapolate(sb_vec3 before, sb_vec3 now, sb_real level)
-{
-    return sb_v3_madd(before, 1 / level, sb_v3_sub(now, before));
-}
-
-/* Moves the displacement on to the end of the step, supports to their targets and slaves to where their masters have
- * them; `converged` keeps the shape of the balance. No line search has seen the new shape, so that it is tried where
- * the material forbids some (the next step finds its forces done). */
-static sb_result sbi_step_finish_alpha(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
-    for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] =
-            sbi_body_pick_axes(b->fixed[i], b->target[i],
-                               sbi_step_extrapolate(b->start[i], b->displacement[i], newton->level));
-    if (b->elimination)
-        sbi_elimination_follow(b->elimination, b->displacement, 1);
-    b->force_current = 0;
-    return sbi_newton_allows_inversion(b) ? SB_OK : sbi_newton_force(newton);
-}
-
-/* Velocity and acceleration at the new displacement; SB_ERROR_DIVERGED before anything overflows. */
-static sb_result sbi_step_commit(sbi_newton *newton)
-{
-    sb_body *b = newton->body;
-    int alpha = b->integrator == SB_GENERALISED_ALPHA;
-    for (int i = 0; i < b->domain.node_count; i++) {
-        sb_vec3 v = sbi_step_velocity(newton, i), a = sbi_step_acceleration(newton, i);
-        if (alpha) {
-            v = sbi_step_extrapolate(b->velocity[i], v, newton->level);
-            a = sbi_step_extrapolate(b->acceleration[i], a, newton->inertia_level);
-        }
-        if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
-            return sbi_fail_node(&newton->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
-                                 i);
-        b->velocity[i] = v;
-        b->acceleration[i] = a;
-    }
-    if (alpha) {
-        sb_result result = sbi_step_finish_alpha(newton);
-        if (result != SB_OK)
-            return result;
-    }
-    sbi_body_update_positions(b);
-    b->acceleration_known = 1;
-    return SB_OK;
-}
-
-static void sbi_step_begin_info(sb_step_info *info)
+SBI_API void sbi_step_begin_info(sb_step_info *info)
 {
     memset(info, 0, sizeof *info);
     info->error.element = -1;
@@ -47662,21 +51041,21 @@ static void sbi_step_begin_info(sb_step_info *info)
 }
 
 /* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
-static void sbi_step_watch_knots(sb_body *b, int unknots)
+SBI_API void sbi_step_watch_knots(sb_body *b, int unknots)
 {
     if (b->assembly.unknots != unknots)
         b->force_current = 0;
     b->assembly.unknots = unknots;
 }
 
-static void sbi_step_forget_error(sb_step_info *info)
+SBI_API void sbi_step_forget_error(sb_step_info *info)
 {
     memset(&info->error, 0, sizeof info->error);
     info->error.element = info->error.node = -1;
 }
 
 /* Sees to it that a failing call says why, whatever failed. */
-static sb_result sbi_step_report(sb_step_info *info, sb_result result)
+SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result)
 {
     if (result != SB_OK && info->error.result != result) {
         if (result == SB_ERROR_NOT_CONVERGED)
@@ -47689,45 +51068,146 @@ static sb_result sbi_step_report(sb_step_info *info, sb_result result)
 }
 
 /* Materials with Prony terms respond as over a step of dt from now on. */
-static void sbi_step_enter(sb_body *b, sb_real dt)
+SBI_API void sbi_step_enter(sb_body *b, sb_real dt)
 {
     if (sbi_assembly_begin_step(&b->assembly, dt))
         b->force_current = 0;
 }
 
 /* The step of dt is done: their memory moves on. */
-static void sbi_step_leave(sb_body *b, sb_real dt)
+SBI_API void sbi_step_leave(sb_body *b, sb_real dt)
 {
     if (sbi_assembly_end_step(&b->assembly, b->displacement, dt))
         b->force_current = 0;
 }
 
-static sb_result sbi_step_run(sbi_newton *newton)
+/* ---- time steps ---- */
+
+/* 1 when a linearised step may be taken as it is: forces that grow no faster than displacements. Those of hyperelastic
+ * materials do, so that an increment that went too far would feed the next: there the line search watches it. */
+static int sbi_step_is_tame(const sb_body *b)
 {
-    sb_body *b = newton->body;
+    for (int i = 0; i < b->material_count; i++)
+        if (sb_material_is_hyperelastic(b->materials[i].model))
+            return 0;
+    return 1;
+}
+
+static void sbi_step_set_up(sbi_step *step, sb_body *body, sb_real dt, sb_step_info *info)
+{
+    int is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
+    step->body = body;
+    step->info = info;
+    step->dynamic = 1;
+    step->dt = dt;
+    step->load_factor = step->loads_factor = step->level = step->inertia_level = 1;
+    step->radius = body->spectral_radius;
+    step->max_newton = sbi_body_max_newton(body);
+    step->linearised = step->max_newton == 1 && !is_explicit;
+    step->max_iterations = body->max_iterations;
+    step->tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
+    step->linear_tolerance = step->linearised ? body->tolerance : 0;
+    step->line_search = !(step->linearised && sbi_step_is_tame(body));
+}
+
+/* Checks the arguments and keeps what a failing step gives back. */
+static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+{
+    memset(step, 0, sizeof *step);
+    step->info = info ? info : &step->own_info;
+    sbi_step_begin_info(step->info);
+    if (!body || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(&step->info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
+    step->begun = sbi_step_now(body);
+    sbi_step_set_up(step, body, dt, step->info);
+    sbi_step_save(body);
+    sbi_step_watch_knots(body, step->linearised);
+    return SB_OK;
+}
+
+/* An implicit step that was opened, up to its first linear system. */
+static sb_result sbi_step_start(sbi_step *step)
+{
+    sb_body *b = step->body;
     sb_result result = SB_OK;
-    sbi_step_loads(b);
-    if (!newton->linearised && b->damping_stiffness > 0)
-        result = sbi_newton_keep_damping(newton);
+    sbi_step_dead_loads(b);
+    if (!step->linearised && b->damping_stiffness > 0)
+        result = sbi_step_keep_damping(step);
     if (result == SB_OK && b->integrator != SB_EULER && !b->acceleration_known)
-        result = sbi_step_initial_acceleration(newton);
+        result = sbi_step_initial_acceleration(step);
     if (result != SB_OK)
         return result;
-    if (b->integrator == SB_GENERALISED_ALPHA)
-        sbi_step_scheme_alpha(newton);
-    else
-        sbi_step_scheme(newton);
-    sbi_step_enter(b, newton->level * newton->dt);
-    newton->info->newton_iterations = newton->info->pcg_iterations = 0;
-    result = sbi_newton_run(newton);
-    if (result == SB_ERROR_NOT_CONVERGED && !newton->moves_supports) { /* each iteration lowered the potential */
-        newton->info->capped = 1;
-        result = SB_OK;
-    }
+    sbi_step_scheme(step);
+    sbi_step_enter(b, step->level * step->dt);
+    step->info->newton_iterations = step->info->pcg_iterations = 0;
+    return sbi_step_linearise(step);
+}
+
+/* What a step that went well leaves behind beside its state. */
+static void sbi_step_settle(sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_vec3 *balance = b->integrator == SB_GENERALISED_ALPHA ? b->converged : b->displacement;
+    if (b->integrator != SB_CENTRAL_DIFFERENCE)
+        sbi_step_leave(b, step->dt);
+    sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
+    sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
+    step->info->load_steps = 1;
+}
+
+static sb_result sbi_step_close(sbi_step *step, sb_result result)
+{
+    sb_step_info *info = step->info;
+    info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
+    info->seconds_total = sbi_step_now(step->body) - step->begun;
+    sbi_body_tell(step->body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &step->dt, 1);
+    return sbi_step_report(info, result);
+}
+
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+{
+    sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
-    sbi_newton_reactions(newton);
-    return sbi_step_commit(newton);
+    if (body->integrator == SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
+    return sbi_step_start(step);
+}
+
+SBI_API sb_result sbi_step_commit(sbi_step *step)
+{
+    sb_result result;
+    sbi_step_reactions(step);
+    result = sbi_step_finish(step);
+    if (result != SB_OK)
+        return result;
+    sbi_step_settle(step);
+    return sbi_step_close(step, SB_OK);
+}
+
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
+{
+    sbi_step fresh;
+    if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
+        return 0;
+    memset(&fresh, 0, sizeof fresh);
+    fresh.begun = step->begun;
+    fresh.own_info = step->own_info;
+    sbi_step_set_up(&fresh, step->body, step->dt, step->info);
+    fresh.radius = 0;
+    *step = fresh;
+    sbi_step_restore(step->body);
+    sbi_step_watch_knots(step->body, step->linearised);
+    *result = sbi_step_start(step);
+    return 1;
+}
+
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
+{
+    if (!step->body) /* refused at once */
+        return result;
+    sbi_step_restore(step->body);
+    return sbi_step_close(step, result);
 }
 
 /* Substeps of central differences; what goes bad is done again with more caution, which stays for a while. */
@@ -47736,13 +51216,13 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     sbi_step_guard guard = body->guard;
     for (int caution = guard.caution;; caution++) {
         sb_result result;
-        sbi_step_loads(body);
+        sbi_step_dead_loads(body);
         result = sbi_explicit_run(body, dt, caution, info);
         if (result == SB_OK) {
             sbi_explicit_calm(body, caution);
             return result;
         }
-        sbi_step_undo(body);
+        sbi_step_restore(body);
         sbi_step_watch_knots(body, 0);
         body->guard = guard;
         if (caution == SBI_EXPLICIT_CAUTION || (result != SB_ERROR_INVERTED && result != SB_ERROR_DIVERGED))
@@ -47750,67 +51230,37 @@ static sb_result sbi_step_run_explicit(sb_body *body, sb_real dt, sb_step_info *
     }
 }
 
-/* An implicit step. Generalised alpha extrapolates: if the material does not admit the end, it tries once more with the
- * balance at the end, where the line search watches. */
-static sb_result sbi_step_run_implicit(const sbi_newton *start)
+static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info)
 {
-    sbi_newton newton = *start;
-    sb_result result = sbi_step_run(&newton);
-    if (result != SB_ERROR_INVERTED || newton.body->integrator != SB_GENERALISED_ALPHA || !(newton.level < 1))
-        return result;
-    sbi_step_undo(newton.body);
-    sbi_step_watch_knots(newton.body, start->linearised);
-    newton = *start;
-    newton.radius = 0;
-    return sbi_step_run(&newton);
+    sbi_step step;
+    sb_result result = sbi_step_open(body, dt, info, &step);
+    if (result == SB_OK)
+        result = sbi_step_run_explicit(body, dt, step.info);
+    if (result != SB_OK)
+        return sbi_step_undo(&step, result);
+    sbi_step_settle(&step);
+    return sbi_step_close(&step, SB_OK);
 }
 
 SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
 {
-    sb_step_info own;
-    sbi_newton newton;
+    sbi_step step;
     sb_result result;
-    double begin;
-    int is_explicit;
-    info = info ? info : &own;
-    sbi_step_begin_info(info);
-    if (!body || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_fail(&info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
-    begin = sbi_step_now(body);
-    memset(&newton, 0, sizeof newton);
-    newton.body = body;
-    newton.info = info;
-    newton.dynamic = 1;
-    newton.dt = dt;
-    newton.load_factor = newton.loads_factor = newton.level = newton.inertia_level = 1;
-    newton.radius = body->spectral_radius;
-    newton.max_newton = sbi_body_max_newton(body);
-    is_explicit = body->integrator == SB_CENTRAL_DIFFERENCE;
-    newton.linearised = newton.max_newton == 1 && !is_explicit;
-    newton.max_iterations = body->max_iterations;
-    newton.tolerance = sb_max(body->newton_tolerance, 64 * SB_EPSILON);
-    newton.linear_tolerance = newton.linearised ? body->tolerance : 0;
-    newton.line_search = !(newton.linearised && sbi_newton_is_tame(body));
-    sbi_step_save(body);
-    sbi_step_watch_knots(body, newton.linearised);
-    result = is_explicit ? sbi_step_run_explicit(body, dt, info) : sbi_step_run_implicit(&newton);
-    if (result != SB_OK) {
-        sbi_step_undo(body);
-    } else {
-        const sb_vec3 *balance = body->integrator == SB_GENERALISED_ALPHA ? body->converged : body->displacement;
-        if (!is_explicit)
-            sbi_step_leave(body, dt);
-        sbi_loads_commit(body, balance, newton.linearised ? body->start : balance, 1);
-        sbi_step_forget_error(info); /* of a tangent that was projected after all */
-        info->load_steps = 1;
-    }
-    info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
-    info->seconds_total = sbi_step_now(body) - begin;
-    sbi_body_tell(body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &dt, 1);
-    return sbi_step_report(info, result);
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+        return sbi_step_explicit(body, dt, info);
+    result = sbi_step_begin(body, dt, info, &step);
+    do {
+        result = sbi_step_iterate(&step, result);
+        if (result == SB_OK)
+            result = sbi_step_commit(&step);
+    } while (sbi_step_begin_again(&step, &result));
+    return result == SB_OK ? result : sbi_step_undo(&step, result);
 }
 
-/* ---- static solves ---- */
+/* ==== src/softbody/body/step_static.c ==== */
+/* step_static: static solves: load increments on the Newton iteration of steps. */
+#include <string.h>
+
 
 #define SBI_STATIC_COOKIE 0x57a71cu
 enum { SBI_STATIC_NEWTON = 30 };
@@ -47855,26 +51305,27 @@ static void sbi_static_loads(sb_body *b, sb_real factor)
 }
 
 /* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
-static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *options)
+static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
     memcpy(b->converged, b->displacement, bytes);
     sbi_loads_begin_static(b);
     while (reached < 1) {
-        int before = newton->info->newton_iterations, spent;
+        int before = step->info->newton_iterations, spent;
         sb_result result;
-        newton->load_factor = sb_min((sb_real)1, reached + stride);
-        if (newton->load_factor > 1 - (sb_real)1e-3 * stride)
-            newton->load_factor = 1;
-        newton->loads_factor = newton->load_factor;
-        newton->norm = newton->last_norm = 0;
-        newton->energy_known = newton->cautious = 0;
-        newton->quasi = options->quasi_newton != 0;
-        sbi_static_loads(b, newton->load_factor);
-        result = sbi_newton_run(newton);
-        spent = newton->info->newton_iterations - before;
+        step->load_factor = sb_min((sb_real)1, reached + stride);
+        if (step->load_factor > 1 - (sb_real)1e-3 * stride)
+            step->load_factor = 1;
+        step->loads_factor = step->load_factor;
+        step->norm = step->last_norm = 0;
+        step->energy_known = step->cautious = 0;
+        step->quasi = options->quasi_newton != 0;
+        sbi_static_loads(b, step->load_factor);
+        step->iteration = step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        spent = step->info->newton_iterations - before;
         if (result != SB_OK) {
             memcpy(b->displacement, b->converged, bytes);
             b->force_current = 0;
@@ -47884,31 +51335,31 @@ static sb_result sbi_static_run(sbi_newton *newton, const sb_static_options *opt
             continue;
         }
         memcpy(b->converged, b->displacement, bytes);
-        reached = newton->load_factor;
-        newton->info->load_factor = reached;
-        newton->info->load_steps++;
+        reached = step->load_factor;
+        step->info->load_factor = reached;
+        step->info->load_steps++;
         if (spent <= 5)
             stride *= (sb_real)1.5;
         if (options->progress)
-            options->progress(options->progress_user, newton->info);
+            options->progress(options->progress_user, step->info);
     }
     return SB_OK;
 }
 
 /* Takes the last converged increment as the body's state: at rest, with exact reactions. */
-static void sbi_static_commit(sbi_newton *newton)
+static void sbi_static_commit(sbi_step *step)
 {
-    sb_body *b = newton->body;
+    sb_body *b = step->body;
     const sb_vec3 zero = sb_v3(0, 0, 0);
     size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
     memset(b->velocity, 0, bytes);
     memset(b->acceleration, 0, bytes);
     sbi_body_update_positions(b);
-    sbi_static_loads(b, newton->info->load_factor);
+    sbi_static_loads(b, step->info->load_factor);
     memcpy(b->equilibrated, b->external, bytes);
-    sbi_loads_commit(b, b->displacement, b->displacement, newton->info->load_factor);
-    sbi_loads_end_static(b, newton->info->load_factor);
-    if (sbi_newton_force(newton) == SB_OK && b->elimination) {
+    sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
+    sbi_loads_end_static(b, step->info->load_factor);
+    if (sbi_step_force(step) == SB_OK && b->elimination) {
         for (int i = 0; i < b->domain.node_count; i++)
             b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
         sbi_constraint_reactions(b, b->work);
@@ -47930,7 +51381,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
 {
     sb_static_options defaults = sb_default_static_options();
     sb_step_info own;
-    sbi_newton newton;
+    sbi_step step;
     sb_result result;
     sb_real duration;
     double begin;
@@ -47942,24 +51393,24 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
         return result;
     begin = sbi_step_now(body);
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
-    memset(&newton, 0, sizeof newton);
-    newton.body = body;
-    newton.info = info;
-    newton.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
-    newton.max_newton = sbi_max_int(options->max_newton, 2);
-    newton.max_iterations = options->max_iterations;
-    newton.line_search = 1;
+    memset(&step, 0, sizeof step);
+    step.body = body;
+    step.info = info;
+    step.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
+    step.max_newton = sbi_max_int(options->max_newton, 2);
+    step.max_iterations = options->max_iterations;
+    step.line_search = 1;
     sbi_step_save(body);
     sbi_step_watch_knots(body, 0);
     sbi_step_enter(body, duration);
-    result = sbi_static_run(&newton, options);
+    result = sbi_static_run(&step, options);
     if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
         sb_error error = info->error;
-        sbi_static_commit(&newton);
+        sbi_static_commit(&step);
         sbi_step_leave(body, duration);
         info->error = error;
     } else {
-        sbi_step_undo(body);
+        sbi_step_restore(body);
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
@@ -48189,7 +51640,7 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
         out[i] = sum;
     }
@@ -49190,7 +52641,7 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
-            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+            needed += matrix->row_end[i] - matrix->row_start[i];
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }

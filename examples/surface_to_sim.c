@@ -2,6 +2,7 @@
  *
  *     surface_to_sim SURFACE [INNER...] [OPTIONS]      surface_to_sim --help lists the options
  *
+ * SURFACE may also be a label image, a segmentation: its labels together are the body, each but the first an inner part.
  * Fills a surface with tets (isosurface stuffing) or lays it into a grid of bricks (immersed boundary), holds one end,
  * lets gravity act, and writes the surfaces as the body carries them along. INNER surfaces lie inside: regions of their
  * own, three times as stiff. The last line tells what the volume mesh is like. Exit status: 0, 2 wrong usage, a file that
@@ -25,7 +26,7 @@ typedef enum method { STUFF = 0, SPARSE = SB_GRID_SPARSE, FINITE_CELL = SB_GRID_
 typedef struct settings {
     const char *surfaces[MAX_SURFACES]; /* the outer one first */
     int surface_count;
-    const char *out, *mesh, *hold;
+    const char *out, *mesh, *hold, *label;
     int stuff, sparse, finite_cell, weighted_cell;
     int cells, coarsen, level, tet10, repair, steps, help;
     double scale, young, poisson, density, contrast, dt;
@@ -33,7 +34,10 @@ typedef struct settings {
 
 /* What lasts from the files to the pictures. Zeros: nothing yet. */
 typedef struct work {
-    const settings *set;
+    settings *set;
+    sb_image image;              /* when the first surface is one: all its labels are surface 0, label i is surface i */
+    int labels[MAX_SURFACES], label_count;
+    char names[MAX_SURFACES][32];
     method how;
     sb_mesh surfaces[MAX_SURFACES];
     sb_surface *trees[MAX_SURFACES];
@@ -163,12 +167,104 @@ static int load_surface(const settings *set, const char *path, sb_mesh *mesh)
     return result == SB_OK ? check_surface(set, path, mesh) : complain_about(path, &error);
 }
 
+/* ---- label images ---------------------------------------------------------------------------------------------- */
+
+/* The labels of --label, or all of the image. */
+static int choose_labels(work *w)
+{
+    const char *at = w->set->label;
+    int label = 0;
+    if (!at) {
+        while (w->label_count < MAX_SURFACES && sb_image_next_label(&w->image, label, &label))
+            w->labels[w->label_count++] = label;
+        if (w->label_count > 0)
+            return 0;
+        options_complain("surface_to_sim", w->set->surfaces[0], "has no label above 0");
+        return EXIT_USAGE;
+    }
+    for (; w->label_count < MAX_SURFACES; at++) {
+        char *end;
+        long number = strtol(at, &end, 10);
+        if (end == at || number < -2147483647L || number > 2147483647L || (*end && *end != ','))
+            break;
+        w->labels[w->label_count++] = (int)number;
+        at = end;
+        if (!*at)
+            return 0;
+    }
+    options_complain("surface_to_sim", "--label", "needs whole numbers, as 1,2,3");
+    return EXIT_USAGE;
+}
+
+static int label_surface(const char *path, const sb_image *image, const int *labels, int count, sb_mesh *mesh)
+{
+    sb_label_def def = sb_default_label_def();
+    sb_error error;
+    def.image = image;
+    def.labels = labels;
+    def.label_count = count;
+    return sb_image_surface(&def, mesh, NULL, &error) == SB_OK ? 0 : complain_about(path, &error);
+}
+
+static int load_image(const settings *set, const char *path, sb_image *image)
+{
+    sb_load_options options = sb_default_load_options();
+    sb_error error;
+    options.scale = REAL(set->scale);
+    return sb_image_load(image, path, &options, &error) == SB_OK ? 0 : complain(&error);
+}
+
+/* Puts the labels but the first before the inner surfaces of the command line. */
+static int open_image(work *w)
+{
+    settings *set = w->set;
+    int status, inner;
+    if (!sb_image_is_file(set->surfaces[0]))
+        return !set->label || options_complain("surface_to_sim", "--label", "is for label images") ? 0 : EXIT_USAGE;
+    status = load_image(set, set->surfaces[0], &w->image);
+    if (!status)
+        status = choose_labels(w);
+    if (status)
+        return status;
+    inner = w->label_count - 1;
+    if (set->surface_count + inner > MAX_SURFACES)
+        return options_complain("surface_to_sim", set->surfaces[0], "has too many labels: choose some with --label")
+                   ? 0
+                   : EXIT_USAGE;
+    for (int i = set->surface_count - 1; i > 0; i--)
+        set->surfaces[i + inner] = set->surfaces[i];
+    for (int i = 1; i <= inner; i++) {
+        snprintf(w->names[i], sizeof w->names[i], "label %d", w->labels[i]);
+        set->surfaces[i] = w->names[i];
+    }
+    set->surface_count += inner;
+    return 0;
+}
+
+/* A surface of whatever kind. */
+static int make_surface(work *w, int i)
+{
+    const char *path = w->set->surfaces[i];
+    sb_image image;
+    int status;
+    if (i < w->label_count)
+        return label_surface(path, &w->image, w->labels + i, i ? 1 : w->label_count, &w->surfaces[i]);
+    if (!sb_image_is_file(path))
+        return load_surface(w->set, path, &w->surfaces[i]);
+    memset(&image, 0, sizeof image);
+    status = load_image(w->set, path, &image);
+    if (!status)
+        status = label_surface(path, &image, NULL, 0, &w->surfaces[i]);
+    sb_image_free(&image);
+    return status;
+}
+
 static int load_surfaces(work *w)
 {
     for (int i = 0; i < w->set->surface_count; i++) {
         const char *path = w->set->surfaces[i];
         sb_error error;
-        int status = load_surface(w->set, path, &w->surfaces[i]);
+        int status = make_surface(w, i);
         if (status)
             return status;
         if (sb_surface_create(&w->surfaces[i], NULL, &w->trees[i], &error) != SB_OK)
@@ -551,15 +647,17 @@ static void release(work *w)
     sb_grid_free(&w->grid);
     sb_mesh_free(&w->tets);
     sb_mesh_free(&w->skin);
+    sb_image_free(&w->image);
     for (int i = 0; i < MAX_SURFACES; i++) {
         sb_surface_destroy(w->trees[i]);
         sb_mesh_free(&w->surfaces[i]);
     }
 }
 
-static int run(const settings *set)
+static int run(settings *set)
 {
-    static int (*const stages[])(work *) = {load_surfaces, join_surfaces, make_volume, make_body, simulate, write_files};
+    static int (*const stages[])(work *) = {open_image, load_surfaces, join_surfaces, make_volume,
+                                            make_body,  simulate,      write_files};
     work w;
     int status = 0;
     memset(&w, 0, sizeof w);
@@ -614,6 +712,8 @@ static int program(int argc, char **argv)
         {"--level", "L", OPTION_INTEGER, &s.level, NULL, NULL, 0, SB_GRID_MAX_LEVEL,
          "--wc, --fc: how often cut cells are halved"},
         {"--tet10", NULL, OPTION_FLAG, &s.tet10, NULL, NULL, 0, 0, "quadratic tets"},
+        {"--label", "N,...", OPTION_TEXT, NULL, NULL, &s.label, 0, 0,
+         "of a label image: what is the body, and parts of it; all"},
         {"--repair", NULL, OPTION_FLAG, &s.repair, NULL, NULL, 0, 0,
          "weld, orient and patch bad surfaces instead of refusing them"},
         {"--scale", "X", OPTION_NUMBER, NULL, &s.scale, NULL, 1e-9, 1e9,
@@ -637,7 +737,8 @@ static int program(int argc, char **argv)
         printf("usage: surface_to_sim SURFACE [INNER...] [OPTIONS]\n\n"
                "Fills a closed surface (OBJ, STL, PLY, OFF or VTK, in metres) with tets or lays it into a grid, holds one\n"
                "end, lets gravity act, and writes the surface as the body carries it along. INNER surfaces lie inside the\n"
-               "first one and are stiffer parts of the body.\n\n");
+               "first one and are stiffer parts of the body. A label image (VTK, VTI, MetaImage, NRRD) in place of SURFACE is a\n"
+               "body of all its labels; each but the first is a stiffer part.\n\n");
         options_print(options, count);
         printf("\nThe last line is about the volume mesh: elements, dihedral angles (degrees), the largest distance (m) of\n"
                "its boundary from SURFACE (grids: of SURFACE from the cells), and the seconds it took to make.\n");

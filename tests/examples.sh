@@ -241,6 +241,25 @@ expect 0 'warning: [0-9]* tets are turned inside out' surface_to_sim box.obj --y
 expect 0 '^tets=' surface_to_sim box.obj --cells 6
 check "a hanging box is sound" eval '! grep -q warning output.txt'
 expect 2 'no-such-folder' surface_to_sim box.obj --cells 4 --steps 1 -o no-such-folder/x.vtk
+awk 'BEGIN {
+    print "# vtk DataFile Version 3.0\nlabels (mm)\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 14 14 14\nSPACING 8 8 8"
+    print "ORIGIN -52 -52 -52\nPOINT_DATA 2744\nSCALARS label unsigned_char 1\nLOOKUP_TABLE default"
+    for (i = 0; i < 2744; i++) {
+        x = i % 14 - 6.5; y = int(i / 14) % 14 - 6.5; z = int(i / 196) - 6.5
+        r = x * x + y * y + z * z
+        print (r > 36 ? 0 : r > 6 ? 1 : 4)
+    }
+}' >labels.vtk
+expect 0 '^kept .* % of the surface of label 4$' \
+    surface_to_sim labels.vtk --scale 0.001 --cells 12 --steps 2 -o box.vtk --mesh regions.vtk
+check "a label is a region" grep -q '^1$' regions.vtk
+expect 0 '^tets=' surface_to_sim labels.vtk --scale 0.001 --label 1 --cells 12 --steps 0
+expect 0 '^cells=' surface_to_sim labels.vtk --scale 0.001 --label 1,4 --wc --cells 8 --steps 0
+expect 2 'no voxel of the image has one of them' surface_to_sim labels.vtk --label 7
+expect 2 'needs whole numbers' surface_to_sim labels.vtk --label 1,x
+expect 2 'is for label images' surface_to_sim box.obj --label 1
+sed '20,$d' labels.vtk >cut.vtk
+expect 2 "cut.vtk:[0-9]*: .*too short" surface_to_sim cut.vtk
 for surface in liver_a liver_b bunny torus; do
     expect_data 0 '^tets=' surface_to_sim surfaces/$surface.obj --cells 20 --steps 2
 done

@@ -64,6 +64,9 @@ typedef struct world {
     sb_field fields[1];
     sb_test_point tests[6];
     sb_load_options load_options;
+    sb_image labelled;
+    int voxels[8];
+    sb_label_def label_def;
     sb_fit_options fit_options;
     sb_modes_options modes_options;
     sb_static_options static_options;
@@ -464,7 +467,36 @@ WORLD_DEFAULT(ndl_rod_static_options, rod_options, ndl_default_rod_static_option
 WORLD_DEFAULT(ndl_plan_def, plan_def, ndl_default_plan_def(10, REAL(0.15)))
 WORLD_DEFAULT(ndl_steer_def, steer_def, ndl_default_steer_def(10, REAL(0.15)))
 
+/* A label image of two by two by two voxels, which stays the world's. */
+static sb_image *world_labelled(world *w)
+{
+    memset(&w->labelled, 0, sizeof w->labelled);
+    w->labelled.counts[0] = w->labelled.counts[1] = w->labelled.counts[2] = 2;
+    w->labelled.spacing = sb_v3(1, 1, 1);
+    w->labelled.direction = sb_m3_identity();
+    w->labelled.labels = w->voxels;
+    w->voxels[0] = w->voxels[1] = 1;
+    return &w->labelled;
+}
+
+static sb_label_def *world_label_def(world *w)
+{
+    w->label_def = sb_default_label_def();
+    w->label_def.image = world_labelled(w);
+    return &w->label_def;
+}
+
+static sb_image world_no_image;
+static const char world_nrrd[] = "NRRD0004\ntype: int\ndimension: 3\nsizes: 2 1 1\nencoding: ascii\n\n1 2\n";
+
 /* ---- files and images ---- */
+
+static const char *world_image_file(world *w)
+{
+    CHECK_OK(sb_file_save(WORLD_FILE, world_nrrd, sizeof world_nrrd - 1, NULL));
+    w->has_file = 1;
+    return WORLD_FILE;
+}
 
 static const char *world_vtk(world *w)
 {

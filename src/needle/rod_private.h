@@ -174,13 +174,22 @@ NDLI_API void ndli_rod_publish(ndl_rod *rod);
 NDLI_API void ndli_rod_save(ndl_rod *rod);
 NDLI_API void ndli_rod_restore(ndl_rod *rod);
 
+/* ---- rod_turn ---- */
+
+/* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
+NDLI_API void ndli_rod_relax(ndl_rod *rod);
+NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
+/* Whether theta_j is no unknown. Nothing tells how a plain rod is turned that is held and gripped nowhere: its first
+ * edge stays. */
+NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
+/* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
+NDLI_API double ndli_rod_turn_floor(const ndl_rod *rod, int j);
+
 /* ---- rod_step ---- */
 
 /* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
  * found none, and the state is as before. */
 NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
-/* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
-NDLI_API void ndli_rod_relax(ndl_rod *rod);
 
 /* ---- rod_grip ---- */
 

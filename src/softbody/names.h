@@ -68,6 +68,16 @@
 #define sb_mesh_save_obj sb_mesh_save_obj_f32
 #define sb_mesh_save_stl sb_mesh_save_stl_f32
 #define sb_mesh_save_ply sb_mesh_save_ply_f32
+#define sb_image_load sb_image_load_f32
+#define sb_image_load_memory sb_image_load_memory_f32
+#define sb_image_is_file sb_image_is_file_f32
+#define sb_image_free sb_image_free_f32
+#define sb_image_check sb_image_check_f32
+#define sb_image_next_label sb_image_next_label_f32
+#define sb_image_label_at sb_image_label_at_f32
+#define sb_default_label_def sb_default_label_def_f32
+#define sb_image_surface sb_image_surface_f32
+#define sb_image_set_regions sb_image_set_regions_f32
 #define sb_surface_create sb_surface_create_f32
 #define sb_surface_destroy sb_surface_destroy_f32
 #define sb_surface_move sb_surface_move_f32

@@ -34,7 +34,7 @@ static const struct fuzz_target {
                     {"cloud", fuzz_cloud},   {"vtu", fuzz_vtu},       {"medit", fuzz_medit},
                     {"needle_state", fuzz_needle_state}, {"needle_program", fuzz_needle_program},
                     {"icp", fuzz_icp},       {"cpd", fuzz_cpd},       {"match", fuzz_match},
-                    {"nicp", fuzz_nicp},     {"precond", fuzz_precond}};
+                    {"nicp", fuzz_nicp},     {"precond", fuzz_precond}, {"image", fuzz_image}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)

@@ -121,4 +121,38 @@ static void fuzz_tetgen(const uint8_t *data, size_t size)
     sbi_loader_free(&loader);
 }
 
+/* Label images of every format, and the surface and regions that come of them. */
+static void fuzz_image(const uint8_t *data, size_t size)
+{
+    sb_image image;
+    sb_error error;
+    sb_label_def def = sb_default_label_def();
+    sb_mesh mesh, tets;
+    sb_surface_report found;
+    size_t voxels;
+    sb_result result;
+    memset(&image, 0, sizeof image);
+    result = sb_image_load_memory(&image, data, size, "fuzz", NULL, &error);
+    if (result != SB_OK) {
+        FUZZ_REQUIRE(image.labels == NULL && error.result == result && error.message[0]);
+        return;
+    }
+    FUZZ_REQUIRE(sb_image_check(&image, NULL) == SB_OK);
+    voxels = (size_t)image.counts[0] * (size_t)image.counts[1] * (size_t)image.counts[2];
+    FUZZ_REQUIRE(voxels <= 8 * 1032 * size); /* what deflate packs best */
+    def.image = &image;
+    def.smoothing = (int)(size % 3);
+    if (voxels <= 4096 && sb_image_surface(&def, &mesh, NULL, NULL) == SB_OK) {
+        if (sb_surface_check(&mesh, NULL, &found, NULL) == SB_OK)
+            FUZZ_REQUIRE((found.findings & (SB_SURFACE_OPEN_EDGES | SB_SURFACE_FLIPPED | SB_SURFACE_NONMANIFOLD_EDGES |
+                                            SB_SURFACE_NONMANIFOLD_NODES)) == 0);
+        sb_mesh_free(&mesh);
+    }
+    if (sb_mesh_organ(SB_TET4, 3, NULL, &tets, NULL) == SB_OK) {
+        FUZZ_REQUIRE(sb_image_set_regions(&image, &tets, NULL) == SB_OK && tets.regions != NULL);
+        sb_mesh_free(&tets);
+    }
+    sb_image_free(&image);
+}
+
 #endif /* TARGET_MESH_H */

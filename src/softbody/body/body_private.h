@@ -1,4 +1,4 @@
-/* body_private: what is inside an sb_body. Floor 3, internal: body.c keeps it, step.c moves it. */
+/* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
 #define SB_BODY_PRIVATE_H
 
@@ -246,6 +246,11 @@ SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const s
 /* The parts of creation that loading a state needs, too. Checks: */
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error);
 SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error);
+/* regions and materials, one material per region, and each cell's material; */
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
+/* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error);
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error);
 /* Moduli of a matrix of the body's nodes as sb_preconditioner_def has them, to be freed with the body's allocator; NULL
  * where there is one material. */
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error);
@@ -260,6 +265,10 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
 SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
                                           sb_error *error);
+/* The reference mesh as others see it; borrowed arrays. */
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
+/* Diagonal of the bounding box (m). */
+SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
@@ -286,6 +295,8 @@ typedef struct sbi_body_face {
 /* The face number f of a caller's list faces[][corners], or SB_ERROR_INDEX or SB_ERROR_ARGUMENT naming it. */
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
                                     sb_error *error);
+/* 1 when the named corners of an element (all different) are those of the list. */
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count);
 /* H^T u of a row: the displacement of its point. */
 SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 *u);
 

@@ -288,7 +288,7 @@ static void sbi_elimination_cells(const sbi_elimination *e, const sb_matrix *mat
 {
     size_t made = 0, entries = 0;
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->diagonal[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->diagonal[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
             if (j == i)
@@ -337,7 +337,7 @@ static sb_result sbi_elimination_make_positions(sbi_elimination *e, const sb_mat
             return sbi_elimination_no_memory(error);
         at = e->positions;
         for (int i = 0; i < full->row_count; i++)
-            for (int k = full->row_start[i]; k < full->row_start[i + 1]; k++) {
+            for (int k = full->row_start[i]; k < full->row_end[i]; k++) {
                 int j = full->columns[k];
                 sbi_elimination_row a = sbi_elimination_row_of(e, &i), b = sbi_elimination_row_of(e, &j);
                 total += (size_t)a.count * (size_t)b.count;
@@ -506,7 +506,7 @@ SBI_API void sbi_elimination_condense(sbi_elimination *e, const sb_matrix *matri
     const int *at = e->positions;
     sb_matrix_clear(&e->matrix);
     for (int i = 0; i < matrix->row_count; i++)
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             int j = matrix->columns[k];
             const sb_real *block = matrix->blocks[k];
             sbi_elimination_row a, b;

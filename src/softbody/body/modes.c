@@ -223,7 +223,7 @@ static void sbi_modes_mass_times(const sbi_modes *m, const sb_vec3 *x, sb_vec3 *
     }
     for (int i = 0; i < m->nodes; i++) {
         sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++)
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
             sum = sb_v3_madd(sum, m->mass[k], x[matrix->columns[k]]);
         out[i] = sum;
     }

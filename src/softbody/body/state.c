@@ -510,7 +510,7 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
             sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
                                                  "node %d cannot have the saved supports %d", i, fixed));
         if (fixed && !lonely)
-            needed += matrix->row_start[i + 1] - matrix->row_start[i];
+            needed += matrix->row_end[i] - matrix->row_start[i];
         if (walk->pass == SBI_STATE_READ)
             body->fixed[i] = (unsigned char)fixed;
     }

@@ -77,7 +77,7 @@ static sb_real sbi_explicit_sweep(const sb_body *b, const sb_matrix *matrix, con
             y[i] = sum;
             continue;
         }
-        for (int k = matrix->row_start[i]; k < matrix->row_start[i + 1]; k++) {
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++) {
             const sb_real *m = matrix->blocks[k];
             sb_vec3 v = x[matrix->columns[k]];
             sum.x += sb_abs(m[0]) * v.x + sb_abs(m[1]) * v.y + sb_abs(m[2]) * v.z;

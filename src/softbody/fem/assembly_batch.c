@@ -667,7 +667,7 @@ SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, 
     int begin = index * SBI_ROWS_PER_TASK;
     int end = begin + sbi_min_int(SBI_ROWS_PER_TASK, matrix->row_count - begin);
     for (int row = begin; row < end; row++)
-        for (int k = matrix->diagonal[row] + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = matrix->diagonal[row] + 1; k < matrix->row_end[row]; k++)
             sbi_batch_block(job->assembly, k, n, q, mixed, job->factor, matrix->blocks[k]);
 }
 
@@ -704,7 +704,7 @@ static void sbi_batch_lower(void *user, int index)
                     lower[3 * j + i] = upper[3 * i + j];
                 }
         }
-        for (int k = diagonal + 1; k < matrix->row_start[row + 1]; k++)
+        for (int k = diagonal + 1; k < matrix->row_end[row]; k++)
             for (int c = 0; c < 9; c++)
                 sum[c] -= matrix->blocks[k][c];
         for (int i = 0; i < 3; i++)

@@ -50,6 +50,9 @@ typedef struct sbi_embed_volume {
     sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
+/* Elements of a leaf of the tree; deepest path through it. */
+enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
 SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
                                           sbi_embed_volume *volume, sb_error *error);
@@ -92,5 +95,10 @@ SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sb
 SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_real xi[3]);
 /* x(xi) of an element and its Jacobian's columns. */
 SBI_API sb_vec3 sbi_embed_map(const sb_mesh *mesh, int element, const sb_real xi[3], sb_mat3 *jacobian);
+
+/* Nodes of a boundary face. */
+SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face);
+/* to[i] = from[nodes[i]] */
+SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to);
 
 #endif /* SB_EMBED_SEARCH_H */

@@ -332,4 +332,60 @@ SBI_API int sbi_surface_find_crossings(const sb_surface *s, const sb_allocator *
                                        sb_surface_place *crowds, unsigned char *crossing);
 #endif
 
+/* ---- what closest points and rays share ---------------------------------------------------------------------- */
+
+/* The point of a triangle closest to a given one: its weights for corners 1 and 2, its place, its distance squared. */
+typedef struct sbi_surface_spot {
+    sb_real square, v, w;
+    int feature, index;
+} sbi_surface_spot;
+
+SB_INLINE sbi_surface_spot sbi_surface_spot_make(sb_real v, sb_real w, int feature, int index)
+{
+    sbi_surface_spot spot;
+    spot.square = 0;
+    spot.v = v;
+    spot.w = w;
+    spot.feature = feature;
+    spot.index = index;
+    return spot;
+}
+
+/* A child to visit: its distance's bits above its number, so that sorting needs no branches. */
+SB_INLINE uint64_t sbi_surface_visit(float square, int child)
+{
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    return (uint64_t)bits << 32 | (uint32_t)child;
+}
+SB_INLINE float sbi_surface_visit_square(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)(visit >> 32);
+    float square;
+    memcpy(&square, &bits, sizeof square);
+    return square;
+}
+SB_INLINE int sbi_surface_visit_child(uint64_t visit)
+{
+    uint32_t bits = (uint32_t)visit;
+    int child;
+    memcpy(&child, &bits, sizeof child);
+    return child;
+}
+
+/* Farthest point, in local units, that is looked at: its squares are finite. */
+SB_INLINE sb_real sbi_surface_horizon(void) { return SB_REAL_IS_FLOAT ? (sb_real)1.0e6 : (sb_real)1.0e15; }
+
+/* Largest distance from the centre along an axis; NaN for a point that is not finite. */
+SB_INLINE sb_real sbi_surface_far(const sb_surface *s, sb_vec3 scaled)
+{
+    sb_real d[3];
+    d[0] = scaled.x - s->centre.x, d[1] = scaled.y - s->centre.y, d[2] = scaled.z - s->centre.z;
+    return sbi_dense_max_abs(d, 3);
+}
+
+SBI_API void sbi_surface_miss(sb_surface_hit *hit);
+/* Place, point and weights of a spot. */
+SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit);
+
 #endif /* SBI_SURFACE_TREE_H */

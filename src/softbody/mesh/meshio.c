@@ -22,9 +22,7 @@ SB_API sb_load_options sb_default_load_options(void)
     return options;
 }
 
-/* Copies the options or their defaults; refuses those out of range. */
-static sb_result sbi_meshio_resolve(const sb_load_options *options, sb_load_options *resolved,
-                                    sb_error *error)
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error)
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
@@ -416,7 +414,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 {
     sb_load_options resolved;
     sbi_loader loader;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || (!data && size))
@@ -489,7 +487,7 @@ SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_opt
     sb_file_format format = SB_FILE_AUTO;
     sbi_loader loader;
     sbi_file content;
-    sb_result result = sbi_meshio_resolve(options, &resolved, error);
+    sb_result result = sbi_load_options_resolve(options, &resolved, error);
     if (result)
         return result;
     if (!mesh || !path)

@@ -1,4 +1,5 @@
-/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them. Source: RFC 1950 (zlib), RFC 1951 (deflate).
+/* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
+ * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
 #include "meshio_reader.h"
 
@@ -287,32 +288,104 @@ static void sbi_inflate_blocks(sbi_inflater *z)
     }
 }
 
-SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
-                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+/* Unpacks the blocks from data[at] on; *end: where they end. *out and what goes with it may have changed although
+ * something is wrong. */
+static const char *sbi_inflate_from(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t at,
+                                    size_t limit, unsigned char **out, size_t out_size, size_t *out_capacity,
+                                    size_t *end, size_t *out_end)
 {
     sbi_inflater z;
-    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
-        return "it has no zlib header";
     memset(&z, 0, sizeof z);
     z.allocator = allocator;
     z.data = data;
     z.size = size;
-    z.at = 2;
+    z.at = at;
     z.out = *out;
-    z.out_start = z.out_size = *out_size;
+    z.out_start = z.out_size = out_size;
     z.out_capacity = *out_capacity;
     z.limit = limit;
     sbi_inflate_blocks(&z);
     *out = z.out; /* which may have moved, also when something went wrong */
     *out_capacity = z.out_capacity;
-    if (z.wrong)
-        return z.wrong;
-    z.at -= (size_t)(z.bit_count / 8);
-    if (size - z.at < 4)
+    *end = z.at - (size_t)(z.bit_count / 8);
+    *out_end = z.out_size;
+    return z.wrong;
+}
+
+SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                                unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0;
+    const char *wrong;
+    if (size < 6 || (data[0] & 15) != 8 || (data[0] >> 4) > 7 || (data[0] * 256 + data[1]) % 31 != 0 || (data[1] & 32))
+        return "it has no zlib header";
+    wrong = sbi_inflate_from(allocator, data, size, 2, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 4)
         return "its checksum is missing";
-    if (sbi_inflate_checksum(z.out ? z.out + z.out_start : NULL, z.out_size - z.out_start) !=
-        ((uint32_t)data[z.at] << 24 | (uint32_t)data[z.at + 1] << 16 | (uint32_t)data[z.at + 2] << 8 | data[z.at + 3]))
+    if (sbi_inflate_checksum(*out ? *out + *out_size : NULL, out_end - *out_size) !=
+        ((uint32_t)data[end] << 24 | (uint32_t)data[end + 1] << 16 | (uint32_t)data[end + 2] << 8 | data[end + 3]))
         return "its checksum is wrong";
-    *out_size = z.out_size;
+    *out_size = out_end;
+    return NULL;
+}
+
+/* CRC-32 of RFC 1952, four bits at a time. */
+static uint32_t sbi_inflate_crc(const unsigned char *data, size_t size)
+{
+    static const uint32_t nibbles[16] = {0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4,
+                                         0x4DB26158, 0x5005713C, 0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C,
+                                         0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+        crc = crc >> 4 ^ nibbles[crc & 15];
+    }
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Bytes of the header of a gzip member; 0: it is none, or cut off. */
+static size_t sbi_inflate_gzip_header(const unsigned char *data, size_t size)
+{
+    enum { EXTRA = 4, NAME = 8, COMMENT = 16, CHECKSUM = 2, RESERVED = 0xE0 };
+    size_t at = 10;
+    if (size < 18 || data[0] != 0x1F || data[1] != 0x8B || data[2] != 8 || (data[3] & RESERVED))
+        return 0;
+    if (data[3] & EXTRA)
+        at += 2u + (data[10] | (size_t)data[11] << 8);
+    for (int flag = NAME; flag <= COMMENT; flag *= 2)
+        if (data[3] & flag) {
+            while (at < size && data[at])
+                at++;
+            at++;
+        }
+    if (data[3] & CHECKSUM)
+        at += 2;
+    return at < size ? at : 0;
+}
+
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity)
+{
+    size_t end = 0, out_end = 0, at = sbi_inflate_gzip_header(data, size), length;
+    const char *wrong;
+    uint32_t tail[2] = {0, 0};
+    if (at == 0)
+        return "it has no gzip header";
+    wrong = sbi_inflate_from(allocator, data, size, at, limit, out, *out_size, out_capacity, &end, &out_end);
+    if (wrong)
+        return wrong;
+    if (size - end < 8)
+        return "its checksum is missing";
+    for (size_t i = 0; i < 8; i++)
+        tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
+    length = out_end - *out_size;
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+        return "its checksum is wrong";
+    if (size - end > 8)
+        return "something follows its end";
+    *out_size = out_end;
     return NULL;
 }

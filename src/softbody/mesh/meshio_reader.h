@@ -183,9 +183,36 @@ typedef struct sbi_diagonal_node {
     int low, high, node;
 } sbi_diagonal_node;
 
+/* A label image being read. */
+typedef struct sbi_voxels {
+    int points[3]; /* of the file along each axis; 0: not read yet */
+    int counts[3]; /* voxels */
+    double origin[3], spacing[3];
+    double direction[3][3]; /* [axis] its vector */
+    int *labels;            /* NULL: none read yet */
+} sbi_voxels;
+
+typedef enum sbi_voxel_encoding {
+    SBI_VOXELS_RAW = 0,
+    SBI_VOXELS_TEXT = 1,
+    SBI_VOXELS_ZLIB = 2,
+    SBI_VOXELS_GZIP = 3
+} sbi_voxel_encoding;
+
+/* How a header describes the voxels. */
+typedef struct sbi_voxel_data {
+    char class_; /* i signed, u unsigned, f floating; 0: not told */
+    int size;    /* bytes of a value */
+    int big_endian;
+    sbi_voxel_encoding encoding;
+    int has_file;
+    sbi_word file; /* where the voxels are, when has_file; beside the header */
+} sbi_voxel_data;
+
 /* Everything gathered from a file. */
 typedef struct sbi_loader {
     sbi_reader reader;
+    sbi_voxels *voxels; /* an image is wanted and this is where it goes; NULL: a mesh is */
     sb_allocator allocator;
     double scale;
     sb_vec3 *nodes;
@@ -296,8 +323,27 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
  * NULL, or what is wrong with the stream; "" for want of memory. */
 SBI_API const char *sbi_inflate(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
                                 unsigned char **out, size_t *out_size, size_t *out_capacity);
+/* The same for a gzip file (RFC 1952) of one member. */
+SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned char *data, size_t size, size_t limit,
+                               unsigned char **out, size_t *out_size, size_t *out_capacity);
+
+/* ---- label images (image) ------------------------------------------------------------------------------ */
+
+SBI_API void sbi_voxels_init(sbi_voxels *voxels);
+/* Numbers that `voxels` takes: all in a row and finite; spacing above 0. */
+SBI_API sb_result sbi_voxels_read_reals(sbi_reader *reader, const char *what, int count, double *values);
+SBI_API sb_result sbi_voxels_check_spacing(const sbi_reader *reader, const double spacing[3]);
+/* Voxels of an image whose values stand at its points, or in its cells; 0 when there are more than an int counts. */
+SBI_API int sbi_voxels_count(const sbi_voxels *voxels, int in_cells);
+/* Takes memory for the labels, of which the caller knows that the file can hold them. */
+SBI_API sb_result sbi_voxels_begin(sbi_loader *loader, int in_cells);
+/* The value of a voxel: a whole number that an int holds. */
+SBI_API sb_result sbi_voxels_set(const sbi_loader *loader, const sbi_reader *reader, int voxel, double value);
 
 /* ---- files ---------------------------------------------------------------------------------------- */
+
+/* Copies the options or their defaults; refuses those out of range. */
+SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_load_options *resolved, sb_error *error);
 
 /* The content of a file. */
 typedef struct sbi_file {
@@ -339,6 +385,9 @@ SBI_API sb_result sbi_ply_read(sbi_loader *loader);
 SBI_API sb_result sbi_off_read(sbi_loader *loader);
 SBI_API sb_result sbi_vtu_read(sbi_loader *loader);
 SBI_API sb_result sbi_medit_read(sbi_loader *loader);
+/* These two read the header of a label image; the voxels follow in the file, or are all of the one named. */
+SBI_API sb_result sbi_meta_read(sbi_loader *loader, sbi_voxel_data *data);
+SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data);
 /* 1 when the content begins as a binary Medit file does. */
 SBI_API int sbi_medit_is_binary(const char *data, size_t size);
 /* TetGen's two files, one after the other; between them the caller changes the reader. *base: number of

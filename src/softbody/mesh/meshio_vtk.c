@@ -4,6 +4,7 @@
 #include "meshio_reader.h"
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 /* A type of values, as spelled in the file. */
@@ -17,6 +18,7 @@ typedef struct sbi_vtk {
     sbi_loader *loader;
     sbi_reader *reader;
     int binary, polydata;
+    int image; /* STRUCTURED_POINTS, and the loader wants an image */
     int has_points, has_cells, has_types;
     int cell_count; /* cells of the list read last, which lie in: */
     int *ends;      /* [cell_count] where the nodes of each cell end */
@@ -424,6 +426,30 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
+ * the file has shares of it. */
+static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
+                                     int64_t tuples, double factor)
+{
+    sbi_loader *loader = vtk->loader;
+    int usable = vtk->data_count >= 0 && type->class_ != 'b' && type->class_ != 's' && components == 1;
+    int count = 0;
+    sb_result result;
+    if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
+        return sbi_vtk_skip_values(vtk, type, components * tuples);
+    sbi_vtk_start_data(vtk);
+    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtk->in_cell_data);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtk_real(vtk, type, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, vtk->reader, i, factor > 1 ? floor(factor * value + 0.5) : value);
+    }
+    return result;
+}
+
 /* The values of an array, after its keyword line up to the type: regions are kept, others skipped. */
 static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                int64_t tuples)
@@ -433,6 +459,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
                                (long long)tuples, (long long)components);
+    if (vtk->image)
+        return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the field region must have one value per cell");
     if (of_cells && sbi_word_is(name, "region") && !is_number)
@@ -523,9 +551,11 @@ static sb_result sbi_vtk_colours(sbi_vtk *vtk, sbi_word name, int is_table)
     static const sbi_vtk_type bytes = {"unsigned_char", 'u', 1};
     int64_t count = 0;
     sb_result result = sbi_reader_integer(vtk->reader, "the number of colours", &count);
-    name.length = 0; /* colours are no regions, whatever their name */
     if (result)
         return result;
+    if (vtk->image && !is_table && count == 1) /* how VTK writes unsigned char: labels from 0 to 255 */
+        return sbi_vtk_image_array(vtk, name, &bytes, 1, vtk->data_count, vtk->binary ? 1 : 255);
+    name.length = 0; /* colours are no regions, whatever their name */
     return sbi_vtk_array(vtk, name, &bytes, is_table ? 4 : count, is_table ? count : vtk->data_count);
 }
 
@@ -570,7 +600,13 @@ static sb_result sbi_vtk_attribute(sbi_vtk *vtk, sbi_word keyword, int *known)
 static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
 {
     int64_t count = 0, expected = of_cells ? vtk->loader->source_count : (int64_t)vtk->loader->node_count;
-    sb_result result = sbi_reader_integer(vtk->reader, "the number of values", &count);
+    sb_result result;
+    if (vtk->image) {
+        expected = sbi_voxels_count(vtk->loader->voxels, of_cells);
+        if (expected == 0)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data before DIMENSIONS");
+    }
+    result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
                                (long long)count, of_cells ? "cells" : "points", (long long)expected);
@@ -579,13 +615,52 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     return result;
 }
 
+/* ---- images ---- */
+
+static sb_result sbi_vtk_dimensions(sbi_vtk *vtk)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    int points[3] = {0, 0, 0};
+    sb_result result = SB_OK;
+    if (voxels->points[0])
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a second DIMENSIONS");
+    for (int k = 0; k < 3 && !result; k++) {
+        result = sbi_reader_count(vtk->reader, "a dimension", 0, &points[k]);
+        if (!result && points[k] < 1)
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a dimension is 0");
+    }
+    if (result)
+        return result;
+    memcpy(voxels->points, points, sizeof points);
+    if (sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return SB_OK;
+}
+
+/* The sections of STRUCTURED_POINTS that other data sets do not have; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_image_section(sbi_vtk *vtk, sbi_word keyword, int *known)
+{
+    sbi_voxels *voxels = vtk->loader->voxels;
+    sb_result result;
+    *known = 1;
+    if (sbi_word_is(keyword, "DIMENSIONS"))
+        return sbi_vtk_dimensions(vtk);
+    if (sbi_word_is(keyword, "ORIGIN"))
+        return sbi_voxels_read_reals(vtk->reader, "origin", 3, voxels->origin);
+    if (sbi_word_is(keyword, "SPACING") || sbi_word_is(keyword, "ASPECT_RATIO")) {
+        result = sbi_voxels_read_reals(vtk->reader, "spacing", 3, voxels->spacing);
+        return result ? result : sbi_voxels_check_spacing(vtk->reader, voxels->spacing);
+    }
+    *known = 0;
+    return SB_OK;
+}
+
 /* ---- file ---- */
 
-static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+/* The sections of meshes; 0 in *known: it is none of them. */
+static sb_result sbi_vtk_mesh_section(sbi_vtk *vtk, sbi_word keyword, int *known)
 {
-    char text[32];
-    int known = 0;
-    sb_result result;
+    *known = 1;
     if (sbi_word_is(keyword, "POINTS"))
         return sbi_vtk_points(vtk);
     if (sbi_word_is(keyword, "CELLS"))
@@ -600,6 +675,18 @@ static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
         return sbi_vtk_poly_cells(vtk, 3, 7);
     if (sbi_word_is(keyword, "TRIANGLE_STRIPS"))
         return sbi_vtk_poly_cells(vtk, 4, 6);
+    *known = 0;
+    return SB_OK;
+}
+
+static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
+{
+    char text[32];
+    int known = 0;
+    sb_result result =
+        vtk->image ? sbi_vtk_image_section(vtk, keyword, &known) : sbi_vtk_mesh_section(vtk, keyword, &known);
+    if (known)
+        return result;
     if (sbi_word_is(keyword, "CELL_DATA"))
         return sbi_vtk_data(vtk, 1);
     if (sbi_word_is(keyword, "POINT_DATA"))
@@ -654,7 +741,15 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
         !sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "DATASET is missing");
     vtk->polydata = sbi_word_is(word, "POLYDATA");
-    if (!vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
+    vtk->image = sbi_word_is(word, "STRUCTURED_POINTS");
+    if (vtk->image && !vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
+                               "data set STRUCTURED_POINTS is an image, not a mesh: sb_image_load reads it, "
+                               "sb_image_surface makes a surface of its labels");
+    if (!vtk->image && vtk->loader->voxels)
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
                                "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
                                sbi_word_print(word, text));
@@ -664,6 +759,8 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
 
 static sb_result sbi_vtk_finish(const sbi_vtk *vtk)
 {
+    if (vtk->image)
+        return SB_OK; /* that there are labels is asked of all formats */
     if (!vtk->has_points)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends without POINTS");
     if (!vtk->has_cells)

@@ -10,6 +10,7 @@
 #include "meshio_reader.h"
 
 #include <limits.h>
+#include <math.h>
 #include <string.h>
 
 typedef enum sbi_vtu_format { SBI_VTU_ASCII = 0, SBI_VTU_BASE64 = 1, SBI_VTU_RAW = 2 } sbi_vtu_format;
@@ -52,6 +53,9 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
+    int image;       /* ImageData, and the loader wants an image */
+    int extent[6];   /* of the image: first and last point along each axis */
+    int labels_in_cells; /* where the array lies that `regions` holds */
     int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
     sbi_word compressor; /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
@@ -521,7 +525,15 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     if (!sbi_xml_attribute(&vtu->xml, "type", &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "<VTKFile> without a type");
     vtu->polydata = sbi_word_equals(word, "PolyData");
-    if (!vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
+    vtu->image = sbi_word_equals(word, "ImageData");
+    if (vtu->image && !vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
+                               "ImageData is an image, not a mesh: sb_image_load reads it, sb_image_surface makes a "
+                               "surface of its labels");
+    if (!vtu->image && vtu->loader->voxels)
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "data set %s is no image: sb_mesh_load reads meshes",
+                               sbi_word_print(word, text));
+    if (!vtu->image && !vtu->polydata && !sbi_word_equals(word, "UnstructuredGrid"))
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
                                "VTK XML data set %s: only UnstructuredGrid and PolyData are read",
                                sbi_word_print(word, text));
@@ -541,6 +553,102 @@ static sb_result sbi_vtu_file_tag(sbi_vtu *vtu)
     return SB_OK;
 }
 
+/* An attribute of `count` numbers; values stay where there is none. */
+static sb_result sbi_vtu_reals_attribute(sbi_vtu *vtu, const char *name, int count, double *values)
+{
+    sbi_reader text = vtu->loader->reader;
+    sbi_word word, more;
+    sb_result result;
+    if (!sbi_xml_attribute(&vtu->xml, name, &word))
+        return SB_OK;
+    text.data = word.text;
+    text.size = word.length;
+    text.at = 0;
+    result = sbi_voxels_read_reals(&text, name, count, values);
+    if (!result && sbi_reader_word(&text, &more))
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has more than %d numbers", name, count);
+    return result;
+}
+
+/* An attribute that tells the first and last point along each axis. */
+static sb_result sbi_vtu_extent_attribute(sbi_vtu *vtu, const char *name, int extent[6])
+{
+    double numbers[6] = {0, -1, 0, -1, 0, -1};
+    sb_result result = sbi_vtu_reals_attribute(vtu, name, 6, numbers);
+    for (int i = 0; i < 6 && !result; i++) {
+        if (!(fabs(numbers[i]) < INT_MAX / 2) || floor(numbers[i]) < numbers[i])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s has a number that is no index", name);
+        extent[i] = (int)numbers[i];
+        if (i % 2 == 1 && extent[i] < extent[i - 1])
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "%s is missing or empty", name);
+    }
+    return result;
+}
+
+/* Origin and Spacing are those of the point (0, 0, 0), which the extent need not have. */
+static sb_result sbi_vtu_image_tag(sbi_vtu *vtu)
+{
+    sbi_voxels *voxels = vtu->loader->voxels;
+    double rows[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "WholeExtent", vtu->extent);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Origin", 3, voxels->origin);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Spacing", 3, voxels->spacing);
+    if (!result)
+        result = sbi_vtu_reals_attribute(vtu, "Direction", 9, rows);
+    if (!result)
+        result = sbi_voxels_check_spacing(&vtu->loader->reader, voxels->spacing);
+    for (int axis = 0; axis < 3 && !result; axis++) {
+        voxels->points[axis] = vtu->extent[2 * axis + 1] - vtu->extent[2 * axis] + 1;
+        for (int k = 0; k < 3; k++)
+            voxels->direction[axis][k] = rows[3 * k + axis];
+    }
+    for (int k = 0; k < 3 && !result; k++)
+        for (int axis = 0; axis < 3; axis++)
+            voxels->origin[k] += voxels->direction[axis][k] * voxels->spacing[axis] * vtu->extent[2 * axis];
+    if (!result && sbi_voxels_count(voxels, 0) == 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 voxels");
+    return result;
+}
+
+static sb_result sbi_vtu_image_piece_tag(sbi_vtu *vtu)
+{
+    int extent[6] = {0, 0, 0, 0, 0, 0};
+    sb_result result = sbi_vtu_extent_attribute(vtu, "Extent", extent);
+    if (!result && memcmp(extent, vtu->extent, sizeof extent) != 0)
+        return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_UNSUPPORTED,
+                               "an image in several pieces: save it as one piece");
+    return result;
+}
+
+/* At </Piece>: the array that was noted becomes the labels. */
+static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
+{
+    sbi_loader *loader = vtu->loader;
+    sbi_vtu_values values;
+    int count = sbi_voxels_count(loader->voxels, vtu->labels_in_cells);
+    sb_result result;
+    vtu->in_piece = 0;
+    if (!vtu->regions.present || loader->voxels->labels)
+        return SB_OK;
+    result = sbi_vtu_open(vtu, &vtu->regions, &values);
+    if (!result)
+        result = sbi_vtu_check_count(&values, "labels", count);
+    if (!result)
+        result = sbi_voxels_begin(loader, vtu->labels_in_cells);
+    for (int i = 0; i < count && !result; i++) {
+        double value = 0;
+        result = sbi_vtu_real(&values, "label", &value);
+        if (!result)
+            result = sbi_voxels_set(loader, &values.reader, i, value);
+    }
+    if (!result)
+        result = sbi_vtu_expect_end(&values, "the voxels");
+    sbi_vtu_close(vtu, &values);
+    return result;
+}
+
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
     static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
@@ -551,6 +659,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
     vtu->in_piece = 1;
     vtu->section = SBI_VTU_ELSEWHERE;
     vtu->points.present = vtu->types.present = vtu->regions.present = 0;
+    if (vtu->image)
+        return sbi_vtu_image_piece_tag(vtu);
     result = sbi_vtu_integer_attribute(vtu, "NumberOfPoints", 0, &vtu->point_count);
     for (int i = 0; i < SBI_VTU_LISTS && !result; i++) {
         vtu->offsets[i].present = vtu->connectivity[i].present = 0;
@@ -630,14 +740,27 @@ static int sbi_vtu_is_region(sbi_vtu *vtu, const sbi_vtu_array *array)
            sbi_word_equals(array->name, loader->region_field);
 }
 
+/* The first array of one number per point becomes the labels, else the first one of the cells. */
+static void sbi_vtu_note_labels(sbi_vtu *vtu, const sbi_vtu_array *array)
+{
+    int in_cells = vtu->section == SBI_VTU_CELL_DATA, wanted = in_cells || vtu->section == SBI_VTU_POINT_DATA;
+    if (!wanted || !array->class_ || array->components != 1 ||
+        (vtu->regions.present && (in_cells || !vtu->labels_in_cells)))
+        return;
+    vtu->regions = *array;
+    vtu->labels_in_cells = in_cells;
+}
+
 static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 {
     sbi_vtu_array array, *kept;
     sb_result result = sbi_vtu_array_tag(vtu, &array);
     if (result)
         return result;
-    kept = sbi_vtu_find_array(vtu, array.name);
-    if (kept)
+    kept = vtu->image ? NULL : sbi_vtu_find_array(vtu, array.name);
+    if (vtu->image)
+        sbi_vtu_note_labels(vtu, &array);
+    else if (kept)
         *kept = array;
     else if (vtu->section == SBI_VTU_CELL_DATA && sbi_vtu_is_region(vtu, &array))
         vtu->regions = array;
@@ -659,8 +782,13 @@ static sb_result sbi_vtu_start(sbi_vtu *vtu)
     if (sbi_word_equals(name, "VTKFile"))
         return vtu->has_file ? sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <VTKFile>")
                              : sbi_vtu_file_tag(vtu);
-    if (sbi_word_equals(name, vtu->polydata ? "PolyData" : "UnstructuredGrid"))
+    if (sbi_word_equals(name, vtu->image ? "ImageData" : vtu->polydata ? "PolyData" : "UnstructuredGrid")) {
+        if (vtu->image && vtu->has_grid)
+            return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "a second <ImageData>");
         vtu->has_grid = 1;
+        if (vtu->image)
+            return sbi_vtu_image_tag(vtu);
+    }
     if (sbi_word_equals(name, "Piece"))
         return sbi_vtu_piece_tag(vtu);
     for (int i = 0; i < SBI_VTU_ELSEWHERE && vtu->in_piece; i++)
@@ -675,7 +803,7 @@ static sb_result sbi_vtu_stop(sbi_vtu *vtu)
 {
     sbi_word name = vtu->xml.name;
     if (sbi_word_equals(name, "Piece") && vtu->in_piece)
-        return sbi_vtu_read_piece(vtu);
+        return vtu->image ? sbi_vtu_read_image(vtu) : sbi_vtu_read_piece(vtu);
     if (!sbi_word_equals(name, "DataArray") && !sbi_word_equals(name, "InformationKey"))
         vtu->section = SBI_VTU_ELSEWHERE;
     return SB_OK;

@@ -65,7 +65,7 @@ static void sbi_direct_tree(const sb_direct *d, const sb_matrix *a, sbi_direct_p
     for (int k = 0; k < d->node_count; k++) {
         int node = d->node[k];
         plan->parent[k] = ancestor[k] = -1;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             while (i >= 0 && i < k) {
                 int next = ancestor[i];
@@ -86,7 +86,7 @@ static void sbi_direct_count(const sb_direct *d, const sb_matrix *a, sbi_direct_
         int node = d->node[k];
         plan->count[k] = 1;
         mark[k] = k;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++)
             for (int i = d->position[a->columns[q]]; i >= 0 && i < k && mark[i] != k; i = plan->parent[i]) {
                 plan->count[i]++;
                 mark[i] = k;
@@ -188,7 +188,7 @@ static void sbi_direct_rows(sb_direct *d, const sb_matrix *a, int index, const i
         rows[count++] = k;
     for (int k = piece->first; k < piece->last; k++) {
         int node = d->node[k];
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]];
             if (i < piece->last || mark[i] == index)
                 continue;
@@ -445,7 +445,7 @@ static int sbi_direct_scatter(sb_direct *d, const sb_matrix *a, const sbi_direct
         sb_real *columns = d->factor + piece->panel + 3 * (size_t)(k - piece->first) * height;
         sb_real *size = d->sizes + 3 * (size_t)k;
         size[0] = size[1] = size[2] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int i = d->position[a->columns[q]], place;
             const sb_real *block = a->blocks[q];
             for (int c = 0; c < 3; c++)
@@ -492,7 +492,7 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
 static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
 {
     for (int i = 0; i < a->row_count; i++)
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);

@@ -69,7 +69,7 @@ static int sbi_order_walk(sbi_order *o, int start, int count)
     o->walk[count++] = start;
     for (; read < count; read++) {
         int i = o->walk[read];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (o->set[j] != o->set[i] || o->mark[j] == o->stamp)
                 continue;
@@ -118,7 +118,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
         int node = list[i];
         border -= o->side[node] == 2;
         o->side[node] = 0;
-        for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+        for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
             int j = a->columns[q];
             if (o->set[j] != set || o->side[j] != 1)
                 continue;
@@ -134,7 +134,7 @@ static double sbi_order_sweep(sbi_order *o, const int *list, int count)
     for (int i = 0; i < count; i++)
         o->side[list[i]] = i > best;
     for (int i = 0; i <= best; i++)
-        for (int q = a->row_start[list[i]]; q < a->row_start[list[i] + 1]; q++)
+        for (int q = a->row_start[list[i]]; q < a->row_end[list[i]]; q++)
             if (o->set[a->columns[q]] == set && o->side[a->columns[q]] == 1)
                 o->side[a->columns[q]] = 2;
     return cost;
@@ -145,7 +145,7 @@ static void sbi_order_neighbours(const sbi_order *o, int node, int beside[3])
 {
     const sb_matrix *a = o->pattern;
     beside[0] = beside[1] = beside[2] = 0;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++)
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++)
         if (o->set[a->columns[q]] == o->set[node])
             beside[o->side[a->columns[q]]]++;
 }
@@ -157,7 +157,7 @@ static void sbi_order_move(sbi_order *o, int node, int half, int sizes[3])
     o->side[node] = half;
     sizes[2]--;
     sizes[half]++;
-    for (int q = a->row_start[node]; q < a->row_start[node + 1]; q++) {
+    for (int q = a->row_start[node]; q < a->row_end[node]; q++) {
         int j = a->columns[q];
         if (o->set[j] != o->set[node] || o->side[j] != 1 - half)
             continue;
@@ -263,7 +263,7 @@ static sbi_order_set sbi_order_set_apart(sbi_order *o, int node_count)
     whole.first = 0;
     whole.last = node_count;
     for (int i = 0; i < node_count; i++) {
-        int far = (double)(o->pattern->row_start[i + 1] - o->pattern->row_start[i]) > most;
+        int far = (double)(o->pattern->row_end[i] - o->pattern->row_start[i]) > most;
         o->set[i] = far ? -1 : 0;
         o->best[i] = far ? 2 : 0;
     }

@@ -71,7 +71,7 @@ static int sbi_region_grow(sbi_region_maker *m, int count)
     const sb_matrix *a = m->pattern;
     for (int head = 0; head < count; head++) {
         int i = m->queue[head];
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
             int j = a->columns[q];
             if (m->member[j] != m->piece && sbi_region_is_strong(m, i, q) && sbi_region_hold(m, j, i))
                 sbi_region_join(m, j, &count);
@@ -85,11 +85,11 @@ static int sbi_region_seed(sbi_region_maker *m, int i, int skip)
 {
     const sb_matrix *a = m->pattern;
     int count = 0;
-    for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++) {
+    for (int q = a->row_start[i]; q < a->row_end[i]; q++) {
         int j = a->columns[q];
         if (!sbi_region_is_strong(m, i, q))
             continue;
-        for (int p = q + 1; p < a->row_start[i + 1]; p++) {
+        for (int p = q + 1; p < a->row_end[i]; p++) {
             int k = a->columns[p], side = sbi_region_is_strong(m, i, p) ? sb_matrix_find(a, j, k) : -1;
             if (side < 0 || !sbi_region_is_strong(m, j, side) || skip-- > 0)
                 continue;
@@ -148,7 +148,7 @@ static void sbi_region_place_rest(sbi_region_maker *m)
         changed = 0;
         for (int i = 0; i < a->row_count; i++) {
             int best = -1;
-            for (int q = a->row_start[i]; q < a->row_start[i + 1] && m->region[i] < 0; q++)
+            for (int q = a->row_start[i]; q < a->row_end[i] && m->region[i] < 0; q++)
                 if (m->region[a->columns[q]] >= 0 && (best < 0 || m->moduli[q] > m->moduli[best]))
                     best = q;
             if (best < 0)
@@ -172,7 +172,7 @@ static void sbi_region_prepare(sbi_region_maker *m)
         m->region[i] = -1;
         m->member[i] = m->touched[i] = 0;
         m->most[i] = 0;
-        for (int q = a->row_start[i]; q < a->row_start[i + 1]; q++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             if (a->columns[q] != i && m->moduli[q] > m->most[i])
                 m->most[i] = m->moduli[q];
     }

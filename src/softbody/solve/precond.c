@@ -448,10 +448,14 @@ static sb_precond_kind sbi_precond_resolve(const sb_preconditioner_def *def, con
 static uint64_t sbi_precond_hash_pattern(const sb_matrix *a)
 {
     uint64_t hash = (uint64_t)(unsigned)a->row_count;
+    unsigned blocks = 0;
+    for (int i = 0; i < a->row_count; i++) {
+        blocks += (unsigned)(a->row_end[i] - a->row_start[i]);
+        hash = sbi_hash_word(hash, (uint64_t)blocks);
+    }
     for (int i = 0; i < a->row_count; i++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->row_start[i + 1]);
-    for (int q = 0; q < a->block_count; q++)
-        hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            hash = sbi_hash_word(hash, (uint64_t)(unsigned)a->columns[q]);
     return hash;
 }
 

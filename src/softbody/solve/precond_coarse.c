@@ -19,7 +19,7 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
         c->piece_entry[piece] = entries;
         for (int k = c->piece_start[piece]; k < c->piece_start[piece + 1]; k++) {
             int j = c->piece_nodes[k];
-            for (int q = a->row_start[j]; q < a->row_start[j + 1]; q++) {
+            for (int q = a->row_start[j]; q < a->row_end[j]; q++) {
                 int i = a->columns[q];
                 if (marker[i] < first) {
                     marker[i] = entries;

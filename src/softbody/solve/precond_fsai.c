@@ -33,7 +33,7 @@ static int sbi_fsai_row(const sb_matrix *a, int power, int i, int *mark, int *se
     for (int level = 0; level < power; level++) { /* all neighbours of those that the last level found */
         int last = count;
         for (; first < last; first++)
-            for (int q = a->row_start[seen[first]]; q < a->row_start[seen[first] + 1]; q++) {
+            for (int q = a->row_start[seen[first]]; q < a->row_end[seen[first]]; q++) {
                 int j = a->columns[q];
                 if (mark[j] == i)
                     continue;
@@ -253,7 +253,7 @@ static void sbi_fsai_gather(const sb_matrix *a, const int *nodes, double scale, 
     int count = d->size / 3;
     memset(d->matrix, 0, (size_t)d->size * d->stride * sizeof(float));
     for (int row = 0; row < count; row++) {
-        int column = row, q = a->diagonal[nodes[row]], end = a->row_start[nodes[row] + 1];
+        int column = row, q = a->diagonal[nodes[row]], end = a->row_end[nodes[row]];
         while (q < end && column < count) {
             if (a->columns[q] == nodes[column])
                 sbi_fsai_place(a->blocks[q++], scale, d, row, column++);

@@ -99,7 +99,7 @@ static int sbi_piece_spread(sbi_piece_maker *m, int i, int fragment)
     queue[0] = i;
     m->fragment_of[i] = fragment;
     for (int head = 0; head < count; head++)
-        for (int q = a->row_start[queue[head]]; q < a->row_start[queue[head] + 1]; q++) {
+        for (int q = a->row_start[queue[head]]; q < a->row_end[queue[head]]; q++) {
             int j = a->columns[q];
             if (m->fragment_of[j] >= 0 || m->piece_of[j] != m->piece_of[i])
                 continue;
@@ -146,7 +146,7 @@ static int sbi_piece_neighbour(const sbi_piece_maker *m, int fragment)
     int best = -1;
     for (int pass = 0; pass < 2; pass++)
         for (int k = m->start[fragment]; k < m->start[fragment + 1]; k++)
-            for (int q = a->row_start[m->list[k]]; q < a->row_start[m->list[k] + 1]; q++) {
+            for (int q = a->row_start[m->list[k]]; q < a->row_end[m->list[k]]; q++) {
                 int other = sbi_piece_root(m, m->fragment_of[a->columns[q]]);
                 m->touching[other] = pass == 0 ? m->touching[other] + 1 : 0;
                 if (pass == 0 && other != fragment && (best < 0 || m->touching[other] > m->touching[best]))
@@ -219,7 +219,7 @@ static void sbi_piece_line_up(sbi_piece_maker *m, int begin, int end, int count)
  * but cost next to nothing as one piece. */
 static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int pieces)
 {
-    int rows = m->a->row_count, alone = m->a->row_start[m->nodes[begin] + 1] - m->a->row_start[m->nodes[begin]] == 1;
+    int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
     sbi_piece_cut(m, begin, end, share, 0);

@@ -1,5 +1,5 @@
 /* sparse: pattern from cells, block products, constraints. */
-#include "sparse.h"
+#include "sparse_live.h"
 #include "../base/lanes.h"
 
 #include <limits.h>
@@ -139,6 +139,7 @@ static int sbi_sparse_layout(sb_matrix *matrix, size_t rows, size_t blocks)
     matrix->columns = ints;
     matrix->transpose = ints + blocks;
     matrix->row_start = ints + 2 * blocks;
+    matrix->row_end = matrix->row_start + 1;
     matrix->diagonal = matrix->row_start + rows + 1;
     matrix->part_rows = matrix->diagonal + rows;
     matrix->part_start = matrix->part_rows + rows;
@@ -154,7 +155,7 @@ static void sbi_sparse_link(sb_matrix *matrix, int *next)
 {
     memcpy(next, matrix->row_start, (size_t)matrix->row_count * sizeof(int));
     for (int i = 0; i < matrix->row_count; i++)
-        for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
             int j = matrix->columns[q];
             matrix->transpose[q] = next[j]++;
             if (j == i)
@@ -169,7 +170,7 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
     part_of[i] = part;
     queue[0] = i;
     for (int head = 0; head < count; head++)
-        for (int q = matrix->row_start[queue[head]]; q < matrix->row_start[queue[head] + 1]; q++) {
+        for (int q = matrix->row_start[queue[head]]; q < matrix->row_end[queue[head]]; q++) {
             int j = matrix->columns[q];
             if (part_of[j] >= 0)
                 continue;
@@ -178,15 +179,14 @@ static void sbi_sparse_spread_part(const sb_matrix *matrix, int i, int part, int
         }
 }
 
-/* Finds the connected parts and lists their rows; part_of is scratch [row_count]. */
-static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
 {
     int rows = matrix->row_count, alone = -1;
     for (int i = 0; i < rows; i++)
         part_of[i] = -1;
     matrix->part_count = 0;
     for (int i = 0; i < rows; i++) {
-        int is_alone = matrix->row_start[i + 1] - matrix->row_start[i] == 1;
+        int is_alone = matrix->row_end[i] - matrix->row_start[i] == 1;
         if (part_of[i] >= 0)
             continue;
         if (is_alone && alone >= 0) {
@@ -196,6 +196,12 @@ static void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
         alone = is_alone ? matrix->part_count : alone;
         sbi_sparse_spread_part(matrix, i, matrix->part_count++, part_of);
     }
+    sbi_sparse_list_parts(matrix, part_of);
+}
+
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+{
+    int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
     for (int i = 0; i < rows; i++)
         matrix->part_start[part_of[i] + 1]++;
@@ -265,6 +271,7 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
         return;
+    sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
 }
@@ -275,6 +282,7 @@ SB_API void sb_matrix_clear(sb_matrix *matrix)
         return;
     memset(matrix->blocks, 0, (size_t)matrix->block_count * sizeof matrix->blocks[0]);
     memset(matrix->fixed, 0, (size_t)matrix->row_count);
+    sbi_matrix_set_free_rows(matrix);
 }
 
 SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
@@ -285,7 +293,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
     if (i < 0 || j < 0 || i >= matrix->row_count || j >= matrix->row_count)
         return -1;
     low = matrix->row_start[i];
-    high = matrix->row_start[i + 1];
+    high = matrix->row_end[i];
     while (low < high) {
         int middle = low + (high - low) / 2;
         if (matrix->columns[middle] < j)
@@ -293,7 +301,7 @@ SB_API int sb_matrix_find(const sb_matrix *matrix, int i, int j)
         else
             high = middle;
     }
-    return low < matrix->row_start[i + 1] && matrix->columns[low] == j ? low : -1;
+    return low < matrix->row_end[i] && matrix->columns[low] == j ? low : -1;
 }
 
 /* ---- products ------------------------------------------------------------------------------------------ */
@@ -313,7 +321,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
                                               int guard)
 {
     const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_start[i + 1];
+              *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -341,7 +349,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
     (void)guard;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++, block += 9) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, block += 9) {
         const sb_real *from = x + 3 * (size_t)matrix->columns[q];
         sb_real v0 = from[0], v1 = from[1], v2 = from[2];
         s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
@@ -357,9 +365,9 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
                                       int last)
 {
-    const int *columns = matrix->columns, *row_start = matrix->row_start;
+    const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
-        if (columns[row_start[i + 1] - 1] != matrix->row_count - 1)
+        if (columns[row_end[i] - 1] != matrix->row_count - 1)
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 0);
         else
             sbi_sparse_multiply_row(matrix, x, y + 3 * (size_t)i, i, 1);
@@ -477,7 +485,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         const sb_real *block = matrix->blocks[q];
         sb_real *to = rhs + 3 * (size_t)matrix->columns[q];
         for (int c = 0; c < 3; c++)
@@ -491,7 +499,7 @@ static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, cons
 static void sbi_sparse_zero(sb_matrix *matrix, int i, int mask)
 {
     int all = (mask & SB_XYZ) == SB_XYZ;
-    for (int q = matrix->row_start[i]; q < matrix->row_start[i + 1]; q++) {
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
         sb_real *block = matrix->blocks[q];
         sb_real *transposed = matrix->blocks[matrix->transpose[q]];
         int later = matrix->transpose[sbi_min_int(q + SBI_SPARSE_ROWS_AHEAD, matrix->block_count - 1)];

@@ -7,7 +7,7 @@
 /* Bits of a node's constraint mask: which of its displacement components are prescribed. */
 enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
 
-/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_start[i + 1])
+/* A square matrix of 3x3 blocks in compressed rows: block q of row i (row_start[i] <= q < row_end[i])
  * couples node i with node columns[q]. Columns ascend in each row, the diagonal block is always there, and
  * for every block (i, j) there is a block (j, i): the pattern is symmetric and stored whole.
  *
@@ -15,8 +15,10 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
     int row_count; /* nodes */
-    int block_count;
-    int *row_start;       /* [row_count + 1] */
+    int block_count;      /* extent of the arrays of blocks */
+    int *row_start;       /* [row_count + 1] first block of each row */
+    int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
+                           * row_start[i + 1], unless the matrix follows a mesh that changes */
     int *columns;         /* [block_count] */
     int *diagonal;        /* [row_count] position of block (i, i) */
     int *transpose;       /* [block_count] position of block (j, i) for the block (i, j) */
@@ -27,6 +29,7 @@ typedef struct sb_matrix {
     unsigned char *fixed; /* [row_count] mask of the last sb_matrix_constrain; 0: free */
     sb_real (*blocks)[9]; /* [block_count] row-major, 64-byte aligned, with one sb_real to spare at the end */
     void *memory;         /* the one allocation behind all arrays */
+    struct sbi_matrix_live *live; /* internal, of a matrix that follows a mesh that changes; otherwise NULL */
     sb_allocator allocator;
 } sb_matrix;
 

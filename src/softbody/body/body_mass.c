@@ -1,0 +1,226 @@
+/* body_mass: masses of nodes and of the matrix, and products with them. */
+#include "body.h"
+#include "body_private.h"
+
+#include <string.h>
+
+/* ---- the reference shape ---- */
+
+SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body)
+{
+    sb_mesh mesh;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.node_count = body->domain.node_count;
+    mesh.nodes = body->reference;
+    mesh.element_type = body->domain.element_type;
+    mesh.table = body->domain.table;
+    mesh.element_count = body->domain.cell_count;
+    mesh.elements = body->domain.cells;
+    return mesh;
+}
+
+SBI_API sb_real sbi_body_size(const sb_body *body)
+{
+    sb_mesh mesh = sbi_body_mesh_view(body);
+    sb_vec3 low, high;
+    sb_mesh_bounds(&mesh, &low, &high);
+    return sb_v3_norm(sb_v3_sub(high, low));
+}
+
+/* ---- mass ---- */
+
+static void sbi_body_gather_reference(const sb_body *body, int element, sb_vec3 *x)
+{
+    int n = body->domain.nodes_per_cell;
+    const int *cell = body->domain.cells + (size_t)element * (size_t)n;
+    for (int a = 0; a < n; a++)
+        x[a] = body->reference[cell[a]];
+}
+
+/* Adds the mass of one element to the matrix blocks, both sides of the diagonal. */
+static void sbi_body_add_mass_blocks(const sb_body *body, int element, const sb_real *mass, sb_real density,
+                                     sb_real *blocks)
+{
+    int n = body->domain.nodes_per_cell;
+    const int *at = body->assembly.scatter + (size_t)element * (size_t)(n * (n + 1) / 2);
+    for (int a = 0; a < n; a++)
+        for (int b = a; b < n; b++, at++) {
+            blocks[*at] += density * mass[a * n + b];
+            if (a != b)
+                blocks[body->matrix.transpose[*at]] += density * mass[a * n + b];
+        }
+}
+
+SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    memset(blocks, 0, (size_t)body->matrix.block_count * sizeof *blocks);
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        sbi_body_gather_reference(body, e, x);
+        sbi_domain_element_mass(&body->domain, e, kind, x, mass, NULL);
+        sbi_body_add_mass_blocks(body, e, mass, body->materials[body->cell_material[e]].density, blocks);
+    }
+}
+
+/* What a part's lumped masses are to sum to and do. */
+enum { SBI_SUM_MASS = 0, SBI_SUM_LEAST = 1, SBI_SUM_REST = 2, SBI_SUM_FIRST = 3, SBI_SUM_WANTED = 6, SBI_SUM_SECOND = 9 };
+
+/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may resist
+ * more than it weighs, as cells do that an immersed grid's void stiffness holds. */
+static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x, sb_real density)
+{
+    const sb_domain *domain = &body->domain;
+    int n = domain->nodes_per_cell;
+    const sb_real *weights = domain->weights + (size_t)element * (size_t)domain->points_per_cell;
+    sb_real full[SB_MAX_ELEMENT_NODES], all = 0, volume = 0;
+    sbi_domain_full_mass(domain, x, full);
+    for (int a = 0; a < n; a++)
+        all += full[a];
+    for (int p = 0; p < sbi_body_points(body); p++)
+        volume += weights[p];
+    for (int a = 0; a < n; a++)
+        body->work[domain->cells[(size_t)element * (size_t)n + (size_t)a]].x +=
+            SBI_LEAST_MASS * density * volume * full[a] / all;
+}
+
+/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were any. */
+static int sbi_body_lift_masses(sb_body *body)
+{
+    int n = body->domain.node_count, lifted = 0;
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < n; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]];
+            int low = body->lumped_mass[i] < body->work[i].x;
+            sum[SBI_SUM_MASS] += (double)body->lumped_mass[i];
+            sum[low ? SBI_SUM_LEAST : SBI_SUM_REST] += (double)(low ? body->work[i].x : body->lumped_mass[i]);
+        }
+    for (int i = 0; i < n; i++)
+        if (body->node_component[i] >= 0) {
+            const double *sum = body->support_grams[body->node_component[i]];
+            if (!(sum[SBI_SUM_LEAST] > 0) || !(sum[SBI_SUM_LEAST] < 0.5 * sum[SBI_SUM_MASS]))
+                continue;
+            lifted = 1;
+            body->lumped_mass[i] = body->lumped_mass[i] < body->work[i].x
+                                       ? body->work[i].x
+                                       : (sb_real)((double)body->lumped_mass[i] *
+                                                   (sum[SBI_SUM_MASS] - sum[SBI_SUM_LEAST]) / sum[SBI_SUM_REST]);
+        }
+    return lifted;
+}
+
+/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's corner. */
+static void sbi_body_sum_moments(sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0) {
+            double *sum = body->support_grams[body->node_component[i]], m = (double)body->lumped_mass[i];
+            sb_vec3 from = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
+            const double x[3] = {(double)from.x, (double)from.y, (double)from.z};
+            sum[SBI_SUM_MASS] += m;
+            for (int k = 0; k < 3; k++) {
+                sum[SBI_SUM_FIRST + k] += m * x[k];
+                sum[SBI_SUM_WANTED + k] += (double)body->load_mass[i] * x[k];
+                for (int j = 0; j < 3; j++)
+                    sum[SBI_SUM_SECOND + 3 * k + j] += m * x[k] * x[j];
+            }
+        }
+}
+
+/* Multiplies the lumped masses by 1 + tilt . (x - centre), which leaves their sum and puts their centre where the
+ * material's is. Nothing where that would take a quarter of some node's mass, or the part is flat. */
+static void sbi_body_tilt_masses(sb_body *body)
+{
+    sbi_body_sum_moments(body);
+    for (int c = 0; c < body->component_count; c++) {
+        double *sum = body->support_grams[c], m = sum[SBI_SUM_MASS];
+        sb_vec3 size = sb_v3_sub(body->component_high[c], body->component_low[c]), shift, tilt, centre;
+        sb_mat3 second;
+        for (int k = 0; k < 9 && m > 0; k++)
+            second.m[k / 3][k % 3] = (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] *
+                                                                             sum[SBI_SUM_FIRST + k % 3] / m) / m);
+        if (!(m > 0))
+            continue;
+        centre = sb_v3((sb_real)(sum[SBI_SUM_FIRST] / m), (sb_real)(sum[SBI_SUM_FIRST + 1] / m),
+                       (sb_real)(sum[SBI_SUM_FIRST + 2] / m));
+        shift = sb_v3((sb_real)((sum[SBI_SUM_WANTED] - sum[SBI_SUM_FIRST]) / m),
+                      (sb_real)((sum[SBI_SUM_WANTED + 1] - sum[SBI_SUM_FIRST + 1]) / m),
+                      (sb_real)((sum[SBI_SUM_WANTED + 2] - sum[SBI_SUM_FIRST + 2]) / m));
+        tilt = sb_m3_apply(sb_m3_inverse(second), shift);
+        memset(sum, 0, sizeof body->support_grams[0]);
+        if (!(sb_abs(tilt.x) * size.x + sb_abs(tilt.y) * size.y + sb_abs(tilt.z) * size.z < (sb_real)0.25) ||
+            sb_v3_norm(shift) < 64 * SB_EPSILON * sb_v3_norm(size))
+            continue;
+        sum[0] = (double)tilt.x, sum[1] = (double)tilt.y, sum[2] = (double)tilt.z;
+        sum[3] = (double)sb_v3_dot(tilt, centre);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0) {
+            const double *tilt = body->support_grams[body->node_component[i]];
+            sb_vec3 x = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
+            body->lumped_mass[i] *= (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y +
+                                              tilt[2] * (double)x.z - tilt[3]);
+        }
+}
+
+SBI_API void sbi_body_update_mass(sb_body *body)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    int n = body->domain.nodes_per_cell, lifted = 0;
+    memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
+    memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
+    memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    if (body->mass_blocks)
+        memset(body->mass_blocks, 0, (size_t)body->matrix.block_count * sizeof(sb_real));
+    for (int e = 0; e < body->domain.cell_count; e++) {
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        sb_real density = body->materials[body->cell_material[e]].density;
+        sbi_body_gather_reference(body, e, x);
+        if (body->mass_blocks) {
+            sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
+            sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
+        }
+        lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
+        for (int a = 0; a < n; a++) {
+            body->lumped_mass[cell[a]] += density * mass[a * n + a];
+            body->load_mass[cell[a]] += density * load[a];
+        }
+        if (body->domain.cell_mass)
+            sbi_body_add_least_mass(body, e, x, density);
+    }
+    if (body->domain.cell_mass && (sbi_body_lift_masses(body) || lifted))
+        sbi_body_tilt_masses(body);
+}
+
+SBI_API void sbi_body_mass_multiply(const sb_body *body, const sb_vec3 *x, sb_vec3 *out)
+{
+    const sb_matrix *matrix = &body->matrix;
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_vec3 sum = sb_v3(0, 0, 0);
+        if (!body->mass_blocks) {
+            out[i] = sb_v3_scale(body->lumped_mass[i], x[i]);
+            continue;
+        }
+        for (int k = matrix->row_start[i]; k < matrix->row_end[i]; k++)
+            sum = sb_v3_madd(sum, body->mass_blocks[k], x[matrix->columns[k]]);
+        out[i] = sum;
+    }
+}
+
+SBI_API void sbi_body_add_mass(sb_body *body, sb_real factor)
+{
+    sb_matrix *matrix = &body->matrix;
+    for (int i = 0; i < matrix->row_count; i++) {
+        int first = body->mass_blocks ? matrix->row_start[i] : matrix->diagonal[i];
+        int end = body->mass_blocks ? matrix->row_end[i] : first + 1;
+        for (int k = first; k < end; k++) {
+            sb_real m = factor * (body->mass_blocks ? body->mass_blocks[k] : body->lumped_mass[i]);
+            matrix->blocks[k][0] += m;
+            matrix->blocks[k][4] += m;
+            matrix->blocks[k][8] += m;
+        }
+    }
+}

@@ -1,0 +1,299 @@
+/* body_material: regions, their materials, fibres, and what follows from them. */
+#include "body.h"
+#include "body_private.h"
+
+#include <string.h>
+
+/* ---- regions ---- */
+
+static int sbi_body_region(const sb_mesh *mesh, int element)
+{
+    return mesh->regions ? mesh->regions[element] : 0;
+}
+
+/* Index of a region in the ascending list, or where it would stand (then *found is 0). */
+static int sbi_body_find_region(const int *regions, int count, int region, int *found)
+{
+    int low = 0, high = count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (regions[middle] < region)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    *found = low < count && regions[low] == region;
+    return low;
+}
+
+/* Lists the distinct regions of a mesh, ascending, in regions[capacity]; returns how many there are (counting on
+ * past the capacity when it is too small, so that the caller can come back with more). */
+static int sbi_body_list_regions(const sb_mesh *mesh, int *regions, int capacity)
+{
+    int count = 0, last = 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        int region = sbi_body_region(mesh, e), found, at;
+        if (e > 0 && region == last)
+            continue;
+        last = region;
+        at = sbi_body_find_region(regions, sbi_min_int(count, capacity), region, &found);
+        if (found)
+            continue;
+        if (count < capacity) {
+            memmove(regions + at + 1, regions + at, (size_t)(count - at) * sizeof *regions);
+            regions[at] = region;
+        }
+        count++;
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    int capacity = 4, count, found;
+    for (;; capacity = count) {
+        sbi_free(&body->allocator, body->material_regions);
+        body->material_regions = (int *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof(int));
+        if (!body->material_regions)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d regions", capacity);
+        count = sbi_body_list_regions(def->mesh, body->material_regions, capacity);
+        if (count <= capacity)
+            break;
+    }
+    body->material_count = count;
+    body->materials = (sb_material *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_material));
+    body->cell_material = (int *)sbi_alloc(&body->allocator, (size_t)def->mesh->element_count, sizeof(int));
+    if (!body->materials || !body->cell_material)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d materials", count);
+    for (int e = 0; e < def->mesh->element_count; e++)
+        body->cell_material[e] =
+            sbi_body_find_region(body->material_regions, count, sbi_body_region(def->mesh, e), &found);
+    for (int k = 0; k < def->region_material_count; k++) {
+        for (int i = 0; i < k; i++)
+            if (def->region_materials[i].region == def->region_materials[k].region)
+                return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials names region %d twice",
+                                def->region_materials[k].region);
+        sbi_body_find_region(body->material_regions, count, def->region_materials[k].region, &found);
+        if (!found)
+            return sbi_fail(error, SB_ERROR_INDEX, "def.region_materials names region %d, which the mesh does not have",
+                            def->region_materials[k].region);
+    }
+    for (int i = 0; i < count; i++) {
+        const sb_material *material = &def->material;
+        for (int k = 0; k < def->region_material_count; k++)
+            if (def->region_materials[k].region == body->material_regions[i])
+                material = &def->region_materials[k].material;
+        sb_result result = sbi_body_check_material(material, body->domain.single_rotation, error);
+        if (result != SB_OK)
+            return result;
+        body->materials[i] = *material;
+    }
+    return SB_OK;
+}
+
+/* ---- fibres ---- */
+
+/* SB_ERROR_MATERIAL naming the first element of material `index` (-1: of any), if that is to have fibres. */
+static sb_result sbi_body_miss_fibres(const sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    for (int e = 0; e < body->domain.cell_count && material->fibre_stiffness > 0; e++)
+        if (index < 0 || body->cell_material[e] == index)
+            return sbi_fail_element(error, SB_ERROR_MATERIAL, e,
+                                    "the material of element %d has fibres, but no directions were given (def.fibres)",
+                                    e);
+    return SB_OK;
+}
+
+/* Copies the directions at unit length. Scaled first, so that neither long nor short ones lose their square. */
+static void sbi_body_copy_fibres(sb_vec3 *out, const sb_vec3 *fibres, int count)
+{
+    for (int e = 0; e < count; e++) {
+        sb_vec3 a = fibres[e];
+        sb_real largest = sb_max(sb_max(sb_abs(a.x), sb_abs(a.y)), sb_abs(a.z));
+        if (largest > 0) {
+            a = sb_v3(a.x / largest, a.y / largest, a.z / largest);
+            a = sb_v3_scale(1 / sb_v3_norm(a), a);
+        }
+        out[e] = a;
+    }
+}
+
+SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_error *error)
+{
+    int count;
+    sb_vec3 *copy;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_fibres needs a body");
+    count = body->domain.cell_count;
+    for (int e = 0; fibres && e < count; e++)
+        if (!sb_v3_is_finite(fibres[e]))
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+    copy = body->fibres;
+    if (!fibres) {
+        for (int i = 0; i < body->material_count; i++) {
+            sb_result result = sbi_body_miss_fibres(body, i, body->materials + i, error);
+            if (result != SB_OK)
+                return result;
+        }
+        sbi_free(&body->allocator, copy);
+        copy = NULL;
+    } else if (!copy) {
+        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        if (!copy)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
+    }
+    if (fibres)
+        sbi_body_copy_fibres(copy, fibres, count);
+    body->fibres = copy;
+    body->assembly.fibres = copy;
+    body->force_current = 0;
+    body->acceleration_known = 0;
+    sbi_body_tell(body, SBI_COMMAND_FIBRES, fibres != NULL, 0, NULL, 0, fibres ? &fibres[0].x : NULL,
+                  fibres ? 3 * (size_t)count : 0);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_prepare_material(sb_body *body, int index, const sb_material *material, sb_error *error)
+{
+    sb_result result = body->fibres ? SB_OK : sbi_body_miss_fibres(body, index, material, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_memory(&body->assembly, material->prony_count, &body->allocator, error);
+    return result;
+}
+
+/* ---- materials ---- */
+
+SBI_API sb_result sbi_body_check_material(const sb_material *material, int single_rotation, sb_error *error)
+{
+    sb_result result = sb_material_check(material, error);
+    if (result == SB_OK && single_rotation && material->model != SB_COROTATED)
+        return sbi_fail(error, SB_ERROR_MATERIAL, "one rotation per element needs the corotated material");
+    return result;
+}
+
+SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
+{
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {
+        material->density, material->lambda, material->mu,  material->c10,             material->d1,
+        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    memcpy(reals, moduli, sizeof moduli);
+    memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
+    memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
+}
+
+SBI_API sb_material sbi_body_unpack_material(int model, int prony_count, const sb_real *reals)
+{
+    sb_material m;
+    memset(&m, 0, sizeof m);
+    m.model = (sb_material_model)model;
+    m.prony_count = prony_count;
+    m.density = reals[0];
+    m.lambda = reals[1];
+    m.mu = reals[2];
+    m.c10 = reals[3];
+    m.d1 = reals[4];
+    m.c01 = reals[5];
+    m.c20 = reals[6];
+    m.c30 = reals[7];
+    m.fibre_stiffness = reals[8];
+    m.fibre_exponent = reals[9];
+    memcpy(m.prony_g, reals + SBI_MATERIAL_MODULI, sizeof m.prony_g);
+    memcpy(m.prony_tau, reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, sizeof m.prony_tau);
+    return m;
+}
+
+static void sbi_body_tell_material(sb_body *body, int all, int region, const sb_material *material)
+{
+    const int ints[3] = {region, (int)material->model, material->prony_count};
+    sb_real reals[SBI_MATERIAL_REALS];
+    sbi_body_pack_material(material, reals);
+    sbi_body_tell(body, SBI_COMMAND_MATERIAL, all, 0, ints, 3, reals, SBI_MATERIAL_REALS);
+}
+
+SBI_API void sbi_body_materials_changed(sb_body *body)
+{
+    sbi_assembly_set_materials(&body->assembly, body->materials, body->material_count, body->cell_material);
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    sbi_body_update_mass(body);
+    body->force_current = 0;
+    body->acceleration_known = 0;
+}
+
+SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error)
+{
+    sb_result result;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_material needs a body and a material");
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, -1, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < body->material_count; i++)
+        body->materials[i] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, -1, body->displacement);
+    sbi_body_tell_material(body, 1, 0, material);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
+                                             sb_error *error)
+{
+    sb_result result;
+    int at, found;
+    if (!body || !material)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_set_region_material needs a body and a material");
+    at = sbi_body_find_region(body->material_regions, body->material_count, region, &found);
+    if (!found)
+        return sbi_fail(error, SB_ERROR_INDEX, "the mesh has no region %d", region);
+    result = sbi_body_check_material(material, body->domain.single_rotation, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_material(body, at, material, error);
+    if (result == SB_OK)
+        result = sbi_body_reserve_damping(body, material, 1, error);
+    if (result != SB_OK)
+        return result;
+    body->materials[at] = *material;
+    sbi_body_materials_changed(body);
+    sbi_assembly_forget(&body->assembly, at, body->displacement);
+    sbi_body_tell_material(body, 0, region, material);
+    return SB_OK;
+}
+
+/* ---- Newton iterations that materials need ---- */
+
+/* 1 when one linearised iteration is what SB_AUTO means. Newmark has no damping of its own, so that the errors of
+ * linearised steps add up until the body explodes: only a linear body may take them. */
+static int sbi_body_is_one_step(const sb_body *body, sb_material_model model)
+{
+    return model == SB_LINEAR ||
+           (body->integrator == SB_EULER && (model == SB_COROTATED || model == SB_COROTATED_INVERTIBLE));
+}
+
+SBI_API int sbi_body_max_newton(const sb_body *body)
+{
+    if (body->max_newton != SB_AUTO)
+        return body->max_newton;
+    for (int i = 0; i < body->material_count; i++)
+        if (!sbi_body_is_one_step(body, body->materials[i].model))
+            return 20;
+    return 1;
+}
+
+/* Steps of several iterations keep the stiffness they damp with: room for it, should these materials need it. */
+SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *materials, int count, sb_error *error)
+{
+    int needed = body->max_newton > 1;
+    for (int i = 0; i < count && body->max_newton == SB_AUTO; i++)
+        needed |= !sbi_body_is_one_step(body, materials[i].model);
+    if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
+        return SB_OK;
+    body->damping_blocks =
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+    if (!body->damping_blocks)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
+    return SB_OK;
+}

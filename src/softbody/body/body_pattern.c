@@ -1,0 +1,295 @@
+/* body_pattern: the matrix with couplings beyond the elements, and its preconditioner. */
+#include "body.h"
+#include "body_private.h"
+
+#include <string.h>
+
+/* ---- couplings beyond the elements ---- */
+
+/* 1 when the pattern has a block for every pair of the nodes. */
+static int sbi_body_row_fits(const sb_body *body, const int *nodes, int count)
+{
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++)
+            if (sb_matrix_find(&body->matrix, nodes[a], nodes[b]) < 0)
+                return 0;
+    return 1;
+}
+
+/* The body's rows so far and, after them, those of the new ones that do not fit. Counts only when pattern has no
+ * arrays yet; *entries is the number of their nodes. */
+static void sbi_body_list_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                sbi_body_pattern *pattern, size_t *entries)
+{
+    int count = body->extra_count;
+    size_t used = count ? (size_t)body->extra_start[count] : 0;
+    if (pattern->extra_start && count) {
+        memcpy(pattern->extra_start, body->extra_start, ((size_t)count + 1) * sizeof(int));
+        memcpy(pattern->extra_nodes, body->extra_nodes, used * sizeof(int));
+    }
+    for (int c = 0; c < cell_count; c++) {
+        int size = cell_start[c + 1] - cell_start[c];
+        if (sbi_body_row_fits(body, cells + cell_start[c], size))
+            continue;
+        if (pattern->extra_start) {
+            pattern->extra_start[count] = (int)used;
+            memcpy(pattern->extra_nodes + used, cells + cell_start[c], (size_t)size * sizeof(int));
+            pattern->extra_start[count + 1] = (int)(used + (size_t)size);
+        }
+        used += (size_t)size;
+        count++;
+    }
+    pattern->extra_count = count;
+    *entries = used;
+}
+
+static sb_result sbi_body_make_extra(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                     sbi_body_pattern *pattern, sb_error *error)
+{
+    size_t entries, bytes = 0;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    pattern->needed = pattern->extra_count > body->extra_count;
+    if (!pattern->needed)
+        return SB_OK;
+    if (entries <= INT32_MAX && sbi_size_add(&bytes, (size_t)pattern->extra_count + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, entries, sizeof(int)))
+        pattern->extra_start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!pattern->extra_start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d coupling rows", pattern->extra_count);
+    pattern->extra_nodes = pattern->extra_start + pattern->extra_count + 1;
+    sbi_body_list_extra(body, cell_count, cell_start, cells, pattern, &entries);
+    return SB_OK;
+}
+
+/* The matrix of elements and rows together. */
+static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pattern *pattern, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    size_t n = (size_t)domain->nodes_per_cell, own = (size_t)domain->cell_count * n;
+    size_t extra = (size_t)pattern->extra_start[pattern->extra_count], bytes = 0;
+    size_t cells = (size_t)domain->cell_count + (size_t)pattern->extra_count;
+    int *start = NULL, *nodes;
+    sb_result result;
+    if (own + extra <= INT32_MAX && cells < INT32_MAX && sbi_size_add(&bytes, cells + 1, sizeof(int)) &&
+        sbi_size_add(&bytes, own + extra, sizeof(int)))
+        start = (int *)sbi_alloc(&body->allocator, bytes, 1);
+    if (!start)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the couplings of %d rows", pattern->extra_count);
+    nodes = start + cells + 1;
+    for (int e = 0; e < domain->cell_count; e++)
+        start[e] = e * domain->nodes_per_cell;
+    for (int c = 0; c <= pattern->extra_count; c++)
+        start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
+    memcpy(nodes, domain->cells, own * sizeof(int));
+    memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
+    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
+                              error);
+    sbi_free(&body->allocator, start);
+    return result;
+}
+
+/* Takes the arrays of one entry per block from the arena (measuring or for real). */
+static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
+{
+    size_t blocks = (size_t)pattern->matrix.block_count;
+    if (body->mass_blocks)
+        pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
+    if (sbi_assembly_has_pairs(&body->assembly))
+        pattern->pair_start = (int *)sbi_arena_take(arena, blocks + 1, sizeof(int));
+}
+
+static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                            sb_error *error)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    int most = pattern->matrix.block_count;
+    const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (fixed[i] && body->node_component[i] >= 0)
+            pattern->support_used += row_end[i] - row_start[i];
+    pattern->support_capacity = body->support_capacity;
+    if (pattern->support_used > body->support_capacity) {
+        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
+                                    pattern->support_used;
+        pattern->support_blocks =
+            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+    }
+    if (body->damping_blocks)
+        pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));
+    if (!pattern->memory || (pattern->support_used > body->support_capacity && !pattern->support_blocks) ||
+        (body->damping_blocks && !pattern->damping_blocks))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a tangent of %d blocks", most);
+    arena.base = (unsigned char *)pattern->memory;
+    arena.used = 0;
+    sbi_body_pattern_layout(body, pattern, &arena);
+    return SB_OK;
+}
+
+SBI_API void sbi_body_free_pattern(const sb_body *body, sbi_body_pattern *pattern)
+{
+    sbi_free(&body->allocator, pattern->extra_start);
+    sbi_free(&body->allocator, pattern->memory);
+    sbi_free(&body->allocator, pattern->support_blocks);
+    sbi_free(&body->allocator, pattern->damping_blocks);
+    sb_preconditioner_free(pattern->precond);
+    sbi_elimination_free(pattern->elimination);
+    sb_matrix_free(&pattern->matrix);
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, const sb_matrix *matrix)
+{
+    sbi_elimination_setup setup;
+    setup.matrix = matrix;
+    setup.positions = body->reference;
+    setup.precond = body->precond;
+    setup.allocator = &body->allocator;
+    return setup;
+}
+
+SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned char *fixed, sbi_body_pattern *pattern,
+                                          sb_error *error)
+{
+    sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
+    if (result == SB_OK)
+        result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
+                                    &pattern->precond, error);
+    if (result != SB_OK)
+        sbi_body_free_pattern(body, pattern);
+    return result;
+}
+
+SBI_API sb_result sbi_body_make_pattern(const sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                        sbi_body_pattern *pattern, sb_error *error)
+{
+    sb_result result;
+    memset(pattern, 0, sizeof *pattern);
+    result = sbi_body_make_extra(body, cell_count, cell_start, cells, pattern, error);
+    if (result != SB_OK || !pattern->needed)
+        return result;
+    result = sbi_body_finish_pattern(body, body->fixed, pattern, error);
+    if (result == SB_OK && body->elimination) {
+        sbi_elimination_setup setup = sbi_body_elimination_setup(body, &pattern->matrix);
+        result = sbi_elimination_remake(body->elimination, &setup, &pattern->elimination, error);
+        if (result != SB_OK)
+            sbi_body_free_pattern(body, pattern);
+    }
+    return result;
+}
+
+SBI_API void sbi_body_take_pattern(sb_body *body, sbi_body_pattern *pattern)
+{
+    if (!pattern->needed)
+        return;
+    sbi_free(&body->allocator, body->extra_start);
+    sbi_free(&body->allocator, body->pattern_memory);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    body->extra_count = pattern->extra_count;
+    body->extra_start = pattern->extra_start;
+    body->extra_nodes = pattern->extra_nodes;
+    body->pattern_memory = pattern->memory;
+    body->precond = pattern->precond;
+    body->matrix = pattern->matrix;
+    if (body->elimination) {
+        sbi_elimination_free(body->elimination);
+        body->elimination = pattern->elimination;
+    }
+    body->support_used = pattern->support_used;
+    body->support_capacity = pattern->support_capacity;
+    if (pattern->support_blocks) {
+        sbi_free(&body->allocator, body->support_blocks);
+        body->support_blocks = (sb_real(*)[9])pattern->support_blocks;
+    }
+    if (pattern->damping_blocks) {
+        sbi_free(&body->allocator, body->damping_blocks);
+        body->damping_blocks = (sb_real(*)[9])pattern->damping_blocks;
+    }
+    sbi_assembly_remap(&body->assembly, &body->matrix, pattern->pair_start);
+    if (body->mass_blocks) {
+        body->mass_blocks = pattern->mass_blocks;
+        sbi_body_update_mass(body);
+    }
+    body->pattern_version++;
+    memset(pattern, 0, sizeof *pattern);
+}
+
+SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
+                                          sb_error *error)
+{
+    sbi_body_pattern pattern;
+    sb_result result = sbi_body_make_pattern(body, cell_count, cell_start, cells, &pattern, error);
+    if (result == SB_OK)
+        sbi_body_take_pattern(body, &pattern);
+    return result;
+}
+
+/* ---- the preconditioner ---- */
+
+SBI_API sb_real sbi_body_poisson(const sb_body *body)
+{
+    sb_real largest = -1;
+    for (int k = 0; k < body->material_count; k++) {
+        sb_real poisson = sb_material_poisson(body->materials + k);
+        largest = poisson > largest ? poisson : largest;
+    }
+    return largest;
+}
+
+SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
+                                          sb_error *error)
+{
+    sbi_precond_set_poisson(precond, sbi_body_poisson(body));
+    return sb_preconditioner_update(precond, matrix, body->position, error);
+}
+
+SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_real *young;
+    sb_result result;
+    *moduli = NULL;
+    if (body->material_count < 2)
+        return SB_OK;
+    young = (sb_real *)sbi_alloc(&body->allocator, (size_t)domain->cell_count, sizeof(sb_real));
+    *moduli = (sb_real *)sbi_alloc(&body->allocator, (size_t)matrix->block_count, sizeof(sb_real));
+    if (young && *moduli) {
+        for (int e = 0; e < domain->cell_count; e++)
+            young[e] = sb_material_young(body->materials + body->cell_material[e]);
+        result = sb_preconditioner_moduli(matrix, domain->cell_count, domain->nodes_per_cell, domain->cells, young,
+                                          *moduli, error);
+    } else {
+        result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the moduli of %d blocks", matrix->block_count);
+    }
+    sbi_free(&body->allocator, young);
+    if (result != SB_OK) {
+        sbi_free(&body->allocator, *moduli);
+        *moduli = NULL;
+    }
+    return result;
+}
+
+SBI_API sb_result sbi_body_make_preconditioner(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    sb_preconditioner_def settings = sb_default_preconditioner_def();
+    sb_real *moduli = NULL;
+    sb_result result = SB_OK;
+    settings.kind = def->preconditioner;
+    settings.positions = def->mesh->nodes;
+    settings.jobs = body->jobs;
+    settings.levels = def->levels;
+    settings.level_count = def->level_count;
+    if (settings.kind == SB_PRECOND_AUTO)
+        settings.kind = sb_solver_auto(&body->matrix);
+    if (settings.kind == SB_PRECOND_MULTIGRID)
+        result = sbi_body_make_moduli(body, &body->matrix, &moduli, error);
+    settings.moduli = moduli;
+    if (result == SB_OK)
+        result = sb_preconditioner_create(&settings, &body->matrix, &body->allocator, &body->precond, error);
+    sbi_free(&body->allocator, moduli);
+    return result;
+}

@@ -1,0 +1,458 @@
+/* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
+#include "body.h"
+#include "body_private.h"
+
+#include <string.h>
+
+/* ---- faces ---- */
+
+SBI_API int sbi_body_has_corners(const int *list, const int *cell, const int *local, int count)
+{
+    int found = 0;
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < count; i++)
+            if (cell[local[k]] == list[i]) {
+                found++;
+                break;
+            }
+    return found == count;
+}
+
+/* 1 when the corners of b go round the other way than those of a. */
+static int sbi_body_is_reversed(const int *a, const int *b, int corners)
+{
+    for (int i = 0; i < corners; i++)
+        if (b[i] == a[0])
+            return b[(i + 1) % corners] != a[1];
+    return 0;
+}
+
+/* Finds the element face with these corner nodes; 0 when there is none. */
+static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    sbi_element element = sbi_domain_element(&body->domain);
+    int n = body->domain.nodes_per_cell;
+    memset(found, 0, sizeof *found);
+    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
+        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+        for (int face = 0; face < sbi_element_face_count(element); face++) {
+            int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
+            sb_element_type face_type = SB_NO_ELEMENT;
+            int face_nodes = sbi_element_face(element, face, local, &face_type);
+            if (sb_element_corner_count(face_type) != count || !sbi_body_has_corners(corners, cell, local, count))
+                continue;
+            for (int i = 0; i < face_nodes; i++)
+                nodes[i] = cell[local[i]];
+            if (found->count) {
+                found->inner |= sbi_body_is_reversed(found->nodes, nodes, count);
+                continue;
+            }
+            found->type = face_type;
+            found->count = face_nodes;
+            memcpy(found->nodes, nodes, (size_t)face_nodes * sizeof *nodes);
+        }
+    }
+    return found->count > 0;
+}
+
+SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
+                                   sb_error *error)
+{
+    const int *face = faces + (size_t)f * (size_t)corners;
+    found->count = 0;
+    for (int k = 0; k < corners; k++)
+        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+            return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
+                                 face[k]);
+    if (!sbi_body_find_face(body, face, corners, found))
+        return sbi_fail_node(error, SB_ERROR_ARGUMENT, face[0], "face %d (nodes %d %d %d ...) is no face of an element",
+                             f, face[0], face[1], face[2]);
+    return SB_OK;
+}
+
+/* ---- supports ---- */
+
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+{
+    if (!body || count < 0 || (count > 0 && !nodes))
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < count; i++)
+        if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
+            return SB_ERROR_INDEX;
+    return SB_OK;
+}
+
+static int sbi_body_row_length(const sb_body *body, int node)
+{
+    return body->matrix.row_end[node] - body->matrix.row_start[node];
+}
+
+SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
+{
+    int most = body->matrix.block_count, capacity;
+    void *blocks;
+    if (needed <= body->support_capacity)
+        return SB_OK;
+    capacity = needed > most / 2 ? most : needed + needed / 2;
+    blocks = sbi_alloc(&body->allocator, (size_t)capacity, 9 * sizeof(sb_real));
+    if (!blocks)
+        return SB_ERROR_MEMORY;
+    sbi_free(&body->allocator, body->support_blocks);
+    body->support_blocks = (sb_real(*)[9])blocks;
+    body->support_capacity = capacity;
+    return SB_OK;
+}
+
+/* Room for the tangent rows of the supports to come: reactions are read from them. The count is an upper bound (a
+ * node listed twice counts twice). */
+static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
+{
+    int needed = body->support_used, most = body->matrix.block_count;
+    for (int i = 0; i < count; i++)
+        if (!body->fixed[nodes[i]])
+            needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    return sbi_body_reserve_support_blocks(body, needed);
+}
+
+SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise)
+{
+    return sb_v3(axes & SB_X ? value.x : otherwise.x, axes & SB_Y ? value.y : otherwise.y,
+                 axes & SB_Z ? value.z : otherwise.z);
+}
+
+/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
+                                  int stride)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    if (result != SB_OK)
+        return result;
+    if (axes < 0 || axes > SB_XYZ)
+        return SB_ERROR_ARGUMENT;
+    if (axes == 0)
+        return SB_OK;
+    for (int i = 0; i < count && body->elimination; i++)
+        if (body->elimination->slave[nodes[i]] & axes)
+            return SB_ERROR_ARGUMENT;
+    result = sbi_body_reserve_supports(body, nodes, count);
+    for (int i = 0; i < count && result == SB_OK; i++) {
+        int node = nodes[i];
+        if (!body->fixed[node])
+            body->support_used += sbi_body_row_length(body, node);
+        body->fixed[node] |= (unsigned char)axes;
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+                                                body->target[node]);
+    }
+    if (body->elimination) /* masses of slaves go to other nodes now */
+        body->guard.stable_step = 0;
+    if (result == SB_OK && !targets)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (result == SB_OK && count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
+                      stride == 0 ? 3 : 3 * (size_t)count);
+    return result;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    if (!body || count < 0 || (count > 0 && !displacements))
+        return SB_ERROR_ARGUMENT;
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(displacements[i]))
+            return SB_ERROR_NOT_FINITE;
+    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    if (result != SB_OK)
+        return result;
+    if (axes < 0 || axes > SB_XYZ)
+        return SB_ERROR_ARGUMENT;
+    if (body->elimination)
+        body->guard.stable_step = 0;
+    for (int i = 0; i < count; i++)
+        if (body->node_component[nodes[i]] >= 0) {
+            int held = body->fixed[nodes[i]];
+            body->fixed[nodes[i]] &= (unsigned char)~axes;
+            if (held && !body->fixed[nodes[i]])
+                body->support_used -= sbi_body_row_length(body, nodes[i]);
+            body->reaction[nodes[i]] =
+                sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
+        }
+    sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
+    return SB_OK;
+}
+
+SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
+
+/* ---- what holds the parts ---- */
+
+/* Arm of a node about the centre of its part, in units of the part's size. */
+static void sbi_body_arm(const sb_body *body, int node, double arm[3])
+{
+    sb_vec3 low = body->component_low[body->node_component[node]];
+    sb_vec3 high = body->component_high[body->node_component[node]], x = body->reference[node];
+    double size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    arm[0] = ((double)x.x - 0.5 * ((double)low.x + (double)high.x)) / size;
+    arm[1] = ((double)x.y - 0.5 * ((double)low.y + (double)high.y)) / size;
+    arm[2] = ((double)x.z - 0.5 * ((double)low.z + (double)high.z)) / size;
+}
+
+/* r += weight times what the six rigid motions do to one axis of a node. */
+static void sbi_body_add_motion(const sb_body *body, int node, int axis, double weight, double r[6])
+{
+    double arm[3];
+    sbi_body_arm(body, node, arm);
+    r[axis] += weight;
+    r[3 + (axis + 1) % 3] += weight * arm[(axis + 2) % 3]; /* (omega x arm)_axis */
+    r[3 + (axis + 2) % 3] -= weight * arm[(axis + 1) % 3];
+}
+
+/* Block (row, column) of six by six of a gram with `stride` numbers a row += r s^T. */
+static void sbi_body_add_gram(double *gram, size_t stride, int row, int column, const double *r, const double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++)
+            gram[(6 * (size_t)row + (size_t)i) * stride + 6 * (size_t)column + (size_t)j] += r[i] * s[j];
+}
+
+/* One row along one axis (of rows that are for all three). */
+typedef struct sbi_body_row {
+    const int *nodes, *dofs; /* one of them */
+    const sb_real *weights;
+    int count, axis;
+    double scale;
+} sbi_body_row;
+
+static sbi_body_row sbi_body_make_row(const sbi_body_rows *rows, int index, int axis)
+{
+    sbi_body_row row;
+    int first = rows->start[index];
+    row.nodes = rows->nodes ? rows->nodes + first : NULL;
+    row.dofs = rows->nodes ? NULL : rows->dofs + first;
+    row.weights = rows->weights + first;
+    row.count = rows->start[index + 1] - first;
+    row.axis = axis;
+    row.scale = 0;
+    for (int k = 0; k < row.count; k++)
+        row.scale += (double)sb_abs(row.weights[k]);
+    return row;
+}
+
+static int sbi_body_row_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    return body->node_component[row->nodes ? row->nodes[term] : row->dofs[term] / 3];
+}
+
+/* What all terms of one part do to the row. */
+static void sbi_body_row_motion(const sb_body *body, const sbi_body_row *row, int part, double r[6])
+{
+    memset(r, 0, 6 * sizeof *r);
+    for (int k = 0; k < row->count; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            sbi_body_add_motion(body, row->nodes ? row->nodes[k] : row->dofs[k] / 3,
+                                row->nodes ? row->axis : row->dofs[k] % 3, (double)row->weights[k] / row->scale, r);
+}
+
+/* 1 when the part of a term is that of no term before it: parts of a row are visited once like this. */
+static int sbi_body_is_new_part(const sb_body *body, const sbi_body_row *row, int term)
+{
+    int part = sbi_body_row_part(body, row, term);
+    for (int k = 0; k < term; k++)
+        if (sbi_body_row_part(body, row, k) == part)
+            return 0;
+    return part >= 0;
+}
+
+/* 1 when a row goes through several parts. */
+static int sbi_body_is_tie(const sb_body *body, const sbi_body_row *row)
+{
+    int parts = 0;
+    for (int k = 0; k < row->count && parts < 2; k++)
+        parts += sbi_body_is_new_part(body, row, k);
+    return parts > 1;
+}
+
+/* Adds one row: its sum is held. Ties go to the gram of the tied parts. */
+static void sbi_body_hold_row(const sb_body *body, const sbi_body_row *row)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    int tied = sbi_body_is_tie(body, row);
+    for (int a = 0; a < row->count && row->scale > 0; a++)
+        for (int b = 0; b < row->count && sbi_body_is_new_part(body, row, a); b++) {
+            int part = sbi_body_row_part(body, row, a), other = sbi_body_row_part(body, row, b);
+            double r[6], s[6];
+            if ((!tied && b != a) || !sbi_body_is_new_part(body, row, b))
+                continue;
+            sbi_body_row_motion(body, row, part, r);
+            if (tied)
+                sbi_body_row_motion(body, row, other, s);
+            if (tied)
+                sbi_body_add_gram(body->tie_gram, stride, body->tie_of[part], body->tie_of[other], r, s);
+            else
+                sbi_body_add_gram(body->support_grams[part], 6, 0, 0, r, r);
+        }
+}
+
+/* Gauss elimination of a gram of 6 size numbers with diagonal pivots: -1 when it has full rank, else one of the rigid
+ * motions that are free. Arms are of order 1, so pivots compare with the trace of their part. */
+static int sbi_body_free_motion(double *gram, int parts, double *traces)
+{
+    int size = 6 * parts;
+    size_t n = (size_t)size;
+    for (int p = 0; p < parts; p++) {
+        traces[p] = 0;
+        for (int i = 6 * p; i < 6 * p + 6; i++)
+            traces[p] += gram[(size_t)i * (n + 1)];
+    }
+    for (int step = 0; step < size; step++) {
+        int pivot = -1, first = -1;
+        for (int i = 0; i < size; i++) {
+            double d = gram[(size_t)i * (n + 1)];
+            if (d < 0) /* done: marked below */
+                continue;
+            first = first < 0 ? i : first;
+            if (d > 1e-10 * traces[i / 6] && (pivot < 0 || d > gram[(size_t)pivot * (n + 1)]))
+                pivot = i;
+        }
+        if (pivot < 0)
+            return first;
+        for (int i = 0; i < size; i++) {
+            double factor = gram[(size_t)i * n + (size_t)pivot] / gram[(size_t)pivot * (n + 1)];
+            if (i == pivot || gram[(size_t)i * (n + 1)] < 0)
+                continue;
+            for (int j = 0; j < size; j++)
+                if (j != pivot)
+                    gram[(size_t)i * n + (size_t)j] -= factor * gram[(size_t)pivot * n + (size_t)j];
+            if (gram[(size_t)i * (n + 1)] < 0) /* rounding of 0 */
+                gram[(size_t)i * (n + 1)] = 0;
+        }
+        gram[(size_t)pivot * (n + 1)] = -1;
+    }
+    return -1;
+}
+
+/* Numbers the parts that rows tie to each other and that have no number yet, from `count` on; the next number. */
+static int sbi_body_number_ties(sb_body *body, const sbi_body_rows *rows, int count)
+{
+    for (int j = 0; j < rows->count; j++) {
+        sbi_body_row row = sbi_body_make_row(rows, j, 0);
+        int tied = sbi_body_is_tie(body, &row);
+        for (int k = 0; k < row.count && tied; k++) {
+            int part = sbi_body_row_part(body, &row, k);
+            if (part >= 0 && body->tie_of[part] < 0)
+                body->tie_of[part] = count++;
+        }
+    }
+    return count;
+}
+
+SBI_API sb_result sbi_body_reserve_ties(sb_body *body, const sbi_body_rows *rows, sb_error *error)
+{
+    int count = sbi_body_number_ties(body, rows, body->tie_count);
+    if (count > body->tie_capacity) {
+        size_t n = 6 * (size_t)count; /* a gram of n x n numbers and the traces */
+        double *gram = (double *)sbi_alloc(&body->allocator, n + 1, n * sizeof(double));
+        for (int c = 0; c < body->component_count && !gram; c++)
+            body->tie_of[c] = body->tie_of[c] < body->tie_count ? body->tie_of[c] : -1;
+        if (!gram)
+            return sbi_fail(error, SB_ERROR_MEMORY, "no memory to tie %d parts to each other", count);
+        sbi_free(&body->allocator, body->tie_gram);
+        body->tie_gram = gram;
+        body->tie_capacity = count;
+    }
+    body->tie_count = count;
+    return SB_OK;
+}
+
+/* Adds the springs and the rows of a mapping, as far as they have a stiffness. */
+static void sbi_body_hold_load(const sb_body *body, const sbi_load *load)
+{
+    sbi_body_rows rows = {load->row_count, load->row_start, load->nodes, NULL, load->weights};
+    for (int j = 0; load->kind != SBI_LOAD_PRESSURE && j < load->row_count; j++)
+        for (int axis = 0; axis < 3 && load->stiffness[j] > 0; axis++) {
+            sbi_body_row row = sbi_body_make_row(&rows, j, axis);
+            sbi_body_hold_row(body, &row);
+        }
+}
+
+static void sbi_body_hold_equations(const sb_body *body, const sbi_equations *equations)
+{
+    sbi_body_rows rows = {equations->count, equations->start, NULL, equations->dof, equations->coefficient};
+    for (int j = 0; j < rows.count; j++) {
+        sbi_body_row row = sbi_body_make_row(&rows, j, 0);
+        sbi_body_hold_row(body, &row);
+    }
+}
+
+static void sbi_body_hold_supports(const sb_body *body)
+{
+    memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
+    for (int i = 0; i < body->domain.node_count; i++)
+        for (int axis = 0; axis < 3 && body->node_component[i] >= 0; axis++)
+            if (body->fixed[i] >> axis & 1) {
+                double r[6] = {0, 0, 0, 0, 0, 0};
+                sbi_body_add_motion(body, i, axis, 1, r);
+                sbi_body_add_gram(body->support_grams[body->node_component[i]], 6, 0, 0, r, r);
+            }
+}
+
+/* 1 when supports alone hold every part: a look at thousands of rows can be spared then. Uses up the grams. */
+static int sbi_body_is_held_by_supports(const sb_body *body)
+{
+    double trace;
+    sbi_body_hold_supports(body);
+    for (int c = 0; c < body->component_count; c++)
+        if (sbi_body_free_motion(body->support_grams[c], 1, &trace) >= 0)
+            return 0;
+    return 1;
+}
+
+/* Sums what holds each part: supports, springs, mappings and constraints. */
+static void sbi_body_gather_holds(const sb_body *body)
+{
+    size_t stride = 6 * (size_t)body->tie_count;
+    sbi_body_hold_supports(body);
+    if (stride)
+        memset(body->tie_gram, 0, stride * stride * sizeof(double));
+    for (int l = 0; l < body->load_count; l++)
+        sbi_body_hold_load(body, body->loads + l);
+    if (body->elimination)
+        sbi_body_hold_equations(body, &body->elimination->equations);
+    for (int c = 0; c < body->component_count; c++)
+        for (int i = 0; i < 6 && body->tie_of[c] >= 0; i++)
+            for (int j = 0; j < 6; j++)
+                body->tie_gram[(6 * (size_t)body->tie_of[c] + (size_t)i) * stride + 6 * (size_t)body->tie_of[c] +
+                               (size_t)j] += body->support_grams[c][6 * i + j];
+}
+
+SBI_API int sbi_body_unsupported_node(const sb_body *body)
+{
+    int loose = -1; /* number of a tied part that is free */
+    if (sbi_body_is_held_by_supports(body))
+        return -1;
+    sbi_body_gather_holds(body);
+    if (body->tie_count > 0) {
+        size_t n = 6 * (size_t)body->tie_count;
+        int motion = sbi_body_free_motion(body->tie_gram, body->tie_count, body->tie_gram + n * n);
+        loose = motion < 0 ? -1 : motion / 6;
+    }
+    for (int c = 0; c < body->component_count; c++) {
+        double trace;
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+            continue;
+        for (int i = 0; i < body->domain.node_count; i++)
+            if (body->node_component[i] == c)
+                return i;
+    }
+    return -1;
+}

@@ -1,0 +1,87 @@
+/* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
+ *
+ *     sbi_step step;
+ *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     do {
+ *         while (result == SB_OK && !step.done) {
+ *             result = sbi_step_solve(&step, guests, guest_count);
+ *             if (result == SB_OK)
+ *                 result = sbi_step_advance(&step);
+ *         }
+ *         if (result == SB_OK)
+ *             result = sbi_step_commit(&step);
+ *     } while (sbi_step_begin_again(&step, &result));
+ *     return result == SB_OK ? result : sbi_step_undo(&step, result);
+ *
+ * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
+ * change the body. */
+#ifndef SB_STEP_PARTS_H
+#define SB_STEP_PARTS_H
+
+#include "../solve/sparse.h"
+#include "step.h"
+
+struct sbi_guest;
+
+/* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
+typedef struct sbi_step {
+    sb_body *body;
+    sb_step_info *info;
+    sb_step_info own_info;    /* where the caller wants none */
+    double begun;             /* on the body's clock (s) */
+    int dynamic;              /* 1: a time step; 0: a static solve */
+    int done;                 /* 1: nothing is left to be solved */
+    int iteration;            /* of Newton, from 0 */
+    sb_tangent_kind kind;     /* of the tangent in A */
+
+    /* what is solved */
+    sb_real dt;               /* s */
+    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
+                               * loads that follow the body have: 1 in a time step */
+    sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
+    sb_real inertia_level;    /* the same for a: 1, or 1 - alpha_m */
+    sb_real radius;           /* spectral radius of generalised alpha */
+    sb_real tolerance;        /* of the residual; a linearised step has none */
+    sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
+    int max_newton, max_iterations;
+    int line_search;
+    int linearised;           /* one iteration, taken as it is */
+    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                               * has it in A already */
+    int has_velocity;         /* v may differ from 0 at the current u */
+
+    /* where it is */
+    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
+    sb_real scale;            /* largest force (N), to compare residuals with */
+    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
+    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
+    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
+    int energy_known;
+    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
+} sbi_step;
+
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
+ * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
+ * the material or the solver refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
+ * not positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
+ * system is ready. */
+SBI_API sb_result sbi_step_advance(sbi_step *step);
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
+ * is told. A failure leaves the step open, as do all failures above. */
+SBI_API sb_result sbi_step_commit(sbi_step *step);
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
+ * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
+ * it. */
+SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
+/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+
+#endif /* SB_STEP_PARTS_H */

@@ -1,0 +1,76 @@
+/* step_private: what the files of the step share: the Newton iteration, its line search, the integrators. Floor 3. */
+#ifndef SB_STEP_PRIVATE_H
+#define SB_STEP_PRIVATE_H
+
+#include "body_private.h"
+#include "step_parts.h"
+
+/* ---- step_residual.c ---- */
+SBI_API double sbi_step_now(const sb_body *body);
+/* v and a at the present displacement. */
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);
+/* Internal forces at the present displacement, unless they are current. SB_ERROR_INVERTED. */
+SBI_API sb_result sbi_step_force(sbi_step *step);
+/* matrix = A at the present displacement, whose forces are current. */
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind);
+/* Factor of the mass in A. */
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step);
+/* Keeps the stiffness at the start of the step for D. */
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step);
+/* out = K x with the K of D. */
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out);
+/* residual = r(u), its norm on the free axes, and the force to compare it with. */
+SBI_API void sbi_step_residual(sbi_step *step);
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step);
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step);
+/* 1 when all of the body's materials have an energy inside out. */
+SBI_API int sbi_step_allows_inversion(const sb_body *body);
+
+/* ---- step_system.c ---- */
+/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
+SBI_API int sbi_step_supports_move(const sbi_step *step);
+/* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
+SBI_API sb_result sbi_step_make_system(sbi_step *step);
+/* Solves it for the body's increment, with guests. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API void sbi_step_reactions(const sbi_step *step);
+
+/* ---- step_search.c ---- */
+/* Moves the displacement by the increment, or the share of it that the line search admits. */
+SBI_API sb_result sbi_step_accept(sbi_step *step);
+
+/* ---- step_scheme.c ---- */
+/* external = dead loads and gravity. */
+SBI_API void sbi_step_dead_loads(sb_body *body);
+/* M a = f_ext - f_int - D v: what Newmark starts from. */
+SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step);
+/* Coefficients and predictors of the integrator. */
+SBI_API void sbi_step_scheme(sbi_step *step);
+/* Velocity, acceleration and displacement at the end of the step; SB_ERROR_DIVERGED before anything overflows. */
+SBI_API sb_result sbi_step_finish(sbi_step *step);
+
+/* ---- step.c: begin and end of steps and of static solves ---- */
+SBI_API void sbi_step_begin_info(sb_step_info *info);
+/* Keeps the state that sbi_step_restore gives back. */
+SBI_API void sbi_step_save(sb_body *body);
+SBI_API void sbi_step_restore(sb_body *body);
+/* Whether knotted cells get one rotation; forces that were made under the other rule are made anew. */
+SBI_API void sbi_step_watch_knots(sb_body *body, int unknots);
+/* Materials with Prony terms respond as over a step of dt from now on. */
+SBI_API void sbi_step_enter(sb_body *body, sb_real dt);
+/* The step of dt is done: their memory moves on. */
+SBI_API void sbi_step_leave(sb_body *body, sb_real dt);
+/* Residual at the present displacement and, unless it is small enough, the next linear system. */
+SBI_API sb_result sbi_step_linearise(sbi_step *step);
+/* Iterates to r(u) = 0 from what sbi_step_linearise made, without guests. The displacement is moved. */
+SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun);
+SBI_API void sbi_step_forget_error(sb_step_info *info);
+/* Sees to it that a failing call says why, whatever failed. */
+SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
+
+#endif /* SB_STEP_PRIVATE_H */

@@ -1,0 +1,284 @@
+/* step_residual: forces, tangent and residual of a step or a static solve.
+ *
+ * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
+ * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
+ * A du = -r. */
+#include <string.h>
+
+#include "load.h"
+#include "step_private.h"
+
+/* ---- small vector loops ---- */
+
+SBI_API double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
+
+/* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
+typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
+
+static double sbi_step_square(const sb_body *body, int i, sb_vec3 v, sbi_step_axes axes)
+{
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (axes == SBI_STEP_FREE)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), zero, v);
+    if (axes == SBI_STEP_HELD)
+        v = sbi_body_pick_axes(sbi_body_held(body, i), v, zero);
+    return (double)v.x * (double)v.x + (double)v.y * (double)v.y + (double)v.z * (double)v.z;
+}
+
+static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axes axes)
+{
+    double sum = 0;
+    for (int i = 0; i < body->domain.node_count; i++)
+        sum += sbi_step_square(body, i, a[i], axes);
+    return sb_sqrt((sb_real)sum);
+}
+
+/* Connected parts: those of the matrix that is solved, where ties join what they tie. */
+static const sb_matrix *sbi_step_parts(const sb_body *body)
+{
+    return body->elimination ? &body->elimination->matrix : &body->matrix;
+}
+
+/* The same of one part's nodes. */
+static sb_real sbi_step_part_norm(const sb_body *body, int part, const sb_vec3 *a, sbi_step_axes axes)
+{
+    const sb_matrix *parts = sbi_step_parts(body);
+    double sum = 0;
+    for (int k = parts->part_start[part]; k < parts->part_start[part + 1]; k++)
+        sum += sbi_step_square(body, parts->part_rows[k], a[parts->part_rows[k]], axes);
+    return sb_sqrt((sb_real)sum);
+}
+
+SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->velocity0[i], step->cv, sb_v3_sub(b->displacement[i], b->start[i]));
+}
+
+SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sb_v3_madd(b->acceleration0[i], step->ca, sb_v3_sub(b->displacement[i], b->start[i]));
+}
+
+/* ---- one Newton iteration: residual ---- */
+
+SBI_API sb_result sbi_step_force(sbi_step *step)
+{
+    sb_body *b = step->body;
+    double begin = sbi_step_now(b);
+    int bad = -1;
+    if (!b->force_current) {
+        bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
+        b->force_current = bad < 0;
+    }
+    step->info->seconds_force += sbi_step_now(b) - begin;
+    if (bad >= 0)
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
+                                "element %d is inside out, which its material does not allow", bad);
+    return SB_OK;
+}
+
+SBI_API sb_real sbi_step_mass_factor(const sbi_step *step)
+{
+    return step->dynamic ? step->ca + step->body->damping_mass * step->cv : 0;
+}
+
+/* Share of the assembled stiffness in A: damping is part of it in a linearised step. */
+static sb_real sbi_step_stiffness_factor(const sbi_step *step)
+{
+    return step->dynamic && !step->lagged_damping ? 1 + step->body->damping_stiffness * step->cv : 1;
+}
+
+/* The body's matrix with the damping stiffness in place of the tangent; borrowed. */
+static sb_matrix sbi_step_damping_matrix(const sb_body *b)
+{
+    sb_matrix matrix = b->matrix;
+    matrix.blocks = b->damping_blocks;
+    return matrix;
+}
+
+/* matrix = A at the present displacement, whose forces are current. */
+SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
+{
+    sb_body *b = step->body;
+    double begin = sbi_step_now(b);
+    sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
+    if (step->dynamic)
+        sbi_body_add_mass(b, sbi_step_mass_factor(step));
+    if (step->lagged_damping) {
+        sb_real factor = b->damping_stiffness * step->cv;
+        for (int k = 0; k < b->matrix.block_count; k++)
+            for (int c = 0; c < 9; c++)
+                b->matrix.blocks[k][c] += factor * b->damping_blocks[k][c];
+    }
+    if (b->load_count)
+        sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
+}
+
+/* Keeps the stiffness at the start of the step for D. Were it to follow the iterations, the step would have no
+ * potential to go down, and an indefinite or suddenly larger K would feed energy in. */
+SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
+{
+    sb_body *b = step->body;
+    double begin;
+    sb_result result = sbi_step_force(step);
+    if (result != SB_OK)
+        return result;
+    begin = sbi_step_now(b);
+    sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
+    memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
+    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->lagged_damping = 1;
+    return SB_OK;
+}
+
+/* out = K x with the K of D. In a linearised step it comes from A = cm M + ck K + (springs), which is assembled by
+ * then. */
+SBI_API void sbi_step_damping_product(const sbi_step *step, const sb_vec3 *x, sb_vec3 *out)
+{
+    sb_body *b = step->body;
+    sb_matrix damping = sbi_step_damping_matrix(b);
+    sb_real mass = sbi_step_mass_factor(step), stiffness = (sb_real)1 / sbi_step_stiffness_factor(step);
+    if (step->lagged_damping) {
+        sb_matrix_multiply(&damping, &x[0].x, &out[0].x, &b->jobs);
+        return;
+    }
+    sb_matrix_multiply(&b->matrix, &x[0].x, &out[0].x, &b->jobs);
+    if (b->load_count)
+        sbi_loads_subtract_product(b, x, step->loads_factor, out);
+    sbi_body_mass_multiply(b, x, b->work2);
+    for (int i = 0; i < b->domain.node_count; i++)
+        out[i] = sb_v3_scale(stiffness, sb_v3_madd(out[i], -mass, b->work2[i]));
+}
+
+/* Compares residuals with these forces, too: those of each part with its own, for what is little beside the forces of
+ * one part may be all that another feels. */
+static void sbi_step_raise_scale(sbi_step *step, const sb_vec3 *force, sbi_step_axes axes)
+{
+    const sb_body *b = step->body;
+    int parts = sbi_step_parts(b)->part_count;
+    step->scale = sb_max(step->scale, sbi_step_norm(b, force, axes));
+    for (int c = 0; parts > 1 && c < parts; c++)
+        b->part_scale[c] = sb_max(b->part_scale[c], sbi_step_part_norm(b, c, force, axes));
+}
+
+/* residual += M (a + alpha v) + beta K v. */
+static void sbi_step_add_dynamics(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    for (int i = 0; i < n; i++)
+        b->work[i] = sb_v3_madd(sbi_step_acceleration(step, i), b->damping_mass, sbi_step_velocity(step, i));
+    sbi_body_mass_multiply(b, b->work, b->work2);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_add(b->residual[i], b->work2[i]);
+    sbi_step_raise_scale(step, b->work2, SBI_STEP_ALL);
+    if (!(b->damping_stiffness > 0) || !step->has_velocity)
+        return;
+    for (int i = 0; i < n; i++)
+        b->work[i] = sbi_step_velocity(step, i);
+    sbi_step_damping_product(step, b->work, b->rhs);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_madd(b->residual[i], b->damping_stiffness, b->rhs[i]);
+}
+
+/* residual -= forces of the loads that follow the body. `external` holds the dead ones only until a solve ends. */
+static void sbi_step_add_loads(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    step->load_size = sbi_loads_force(b, b->displacement, step->loads_factor);
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_sub(b->residual[i], b->follower[i]);
+    sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
+}
+
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
+static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
+{
+    return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* residual = r(u), its norm on the free axes, and the force to compare it with. */
+SBI_API void sbi_step_residual(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    for (int i = 0; i < n; i++)
+        b->residual[i] = sb_v3_sub(b->internal[i], b->external[i]);
+    step->scale = 0;
+    memset(b->part_scale, 0, (size_t)sbi_step_parts(b)->part_count * sizeof *b->part_scale);
+    sbi_step_raise_scale(step, b->external, SBI_STEP_ALL);
+    sbi_step_raise_scale(step, b->internal, SBI_STEP_HELD);
+    if (b->load_count)
+        sbi_step_add_loads(step);
+    if (step->dynamic) {
+        sbi_step_raise_scale(step, b->internal, SBI_STEP_ALL);
+        sbi_step_add_dynamics(step);
+    }
+    step->last_norm = step->norm;
+    if (b->elimination)
+        sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
+    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
+}
+
+/* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
+static int sbi_step_is_exhausted(const sb_body *b)
+{
+    sb_real largest = 0, size = 0;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        largest = sb_max(largest, sb_v3_dot(b->increment[i], b->increment[i]));
+        size = sb_max(size, sb_v3_dot(b->displacement[i], b->displacement[i]));
+    }
+    return largest <= 16 * SB_EPSILON * SB_EPSILON * size;
+}
+
+/* Forces, residual, and the tangent of a linearised step. */
+SBI_API sb_result sbi_step_evaluate(sbi_step *step)
+{
+    sb_result result = sbi_step_force(step);
+    if (result != SB_OK)
+        return result;
+    step->moves_supports = sbi_step_supports_move(step);
+    if (step->linearised) /* its residual may need K v */
+        sbi_step_tangent(step, SB_TANGENT_QUASI);
+    sbi_step_residual(step);
+    if (!sb_is_finite(step->norm))
+        return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "the forces are not finite");
+    return SB_OK;
+}
+
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
+ * `rounding` (N). */
+static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
+{
+    const sb_body *b = step->body;
+    int parts = sbi_step_parts(b)->part_count, meet = 1;
+    step->info->residual = 0;
+    for (int c = 0; c < parts; c++) {
+        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (scale > 0)
+            step->info->residual = sb_max(step->info->residual, norm / scale);
+        meet &= norm <= step->tolerance * scale || norm <= rounding;
+    }
+    return meet;
+}
+
+/* 1 when the residual is small enough, or as small as rounding lets it become. */
+SBI_API int sbi_step_is_converged(sbi_step *step)
+{
+    sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
+    int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
+    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+}
+
+SBI_API int sbi_step_allows_inversion(const sb_body *b)
+{
+    for (int i = 0; i < b->material_count; i++)
+        if (!sb_material_allows_inversion(b->materials[i].model))
+            return 0;
+    return 1;
+}

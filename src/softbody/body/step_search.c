@@ -1,0 +1,167 @@
+/* step_search: how much of a Newton increment is taken. */
+#include <string.h>
+
+#include "load.h"
+#include "step_private.h"
+
+static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += (double)a[i].x * (double)b[i].x + (double)a[i].y * (double)b[i].y + (double)a[i].z * (double)b[i].z;
+    return (sb_real)sum;
+}
+
+/* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
+ * loads. Pressures may have no potential; the work they do along the line serves in its place. */
+typedef struct sbi_step_line {
+    sb_real slope;      /* r . du, what Armijo asks a share of */
+    sb_real linear, quadratic, cubic;
+    sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
+} sbi_step_line;
+
+static sbi_step_line sbi_step_make_line(sbi_step *step)
+{
+    sb_body *b = step->body;
+    int n = b->domain.node_count;
+    sbi_step_line line = {0, 0, 0, 0, 0};
+    line.slope = sbi_step_dot(b->residual, b->increment, n);
+    line.linear = line.slope - sbi_step_dot(b->internal, b->increment, n);
+    if (step->dynamic) {
+        sbi_body_mass_multiply(b, b->increment, b->work);
+        line.quadratic = sbi_step_mass_factor(step) * sbi_step_dot(b->increment, b->work, n);
+        if (step->lagged_damping) {
+            sbi_step_damping_product(step, b->increment, b->work);
+            line.quadratic += b->damping_stiffness * step->cv * sbi_step_dot(b->increment, b->work, n);
+        }
+        line.quadratic *= (sb_real)0.5;
+    }
+    if (b->load_count) { /* the residual has their linear part */
+        sbi_loads_work work = sbi_loads_line(b, b->displacement, b->increment, step->loads_factor);
+        line.quadratic -= work.quadratic;
+        line.cubic -= work.cubic;
+        line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
+    }
+    return line;
+}
+
+/* Displacement for a share t of the increment, in work2. A whole increment puts the supports where they belong to
+ * the last bit, so that no rounding error keeps them on the way; and slaves where they belong, unless they are still
+ * on theirs. */
+static void sbi_step_trial(const sbi_step *step, sb_real t)
+{
+    const sb_body *b = step->body;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        b->work2[i] = sb_v3_madd(b->displacement[i], t, b->increment[i]);
+        if (t == 1 && b->fixed[i])
+            b->work2[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->work2[i]);
+    }
+    if (b->elimination && (t == 1 || !step->moves_supports))
+        sbi_elimination_follow(b->elimination, b->work2, step->load_factor);
+}
+
+/* Elastic energy of a trial displacement; 0 when it is inadmissible, with *bad the element that is. */
+static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, int *bad)
+{
+    *bad = sbi_assembly_energy(&step->body->assembly, trial, energy);
+    return *bad < 0 && sb_is_finite(*energy);
+}
+
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
+{
+    sb_body *b = step->body;
+    memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    step->energy = energy;
+    step->energy_known = 1;
+}
+
+static sb_result sbi_step_no_step(sbi_step *step, int bad)
+{
+    if (bad >= 0)
+        return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
+                                "element %d would turn inside out however short the step", bad);
+    return sbi_fail(&step->info->error, SB_ERROR_DIVERGED, "no step along the search direction lowers the energy");
+}
+
+/* While supports move, work comes in through them and no energy has to fall: the longest admissible share of the
+ * increment is taken. In a time step the increment may be far off, when a tool jumps by more than an element; then
+ * the supports alone move if that costs less, and the next iterations bring the rest along. */
+static sb_result sbi_step_move_supports(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sb_real least = step->linearised ? (sb_real)0.75 : (sb_real)1e-6; /* no iteration would bring them the rest */
+    sb_real energy = 0, alone = 0, t;
+    int bad = -1;
+    for (t = 1; t > least; t *= (sb_real)0.5) {
+        sbi_step_trial(step, t);
+        if (sbi_step_try(step, b->work2, &energy, &bad))
+            break;
+    }
+    if (step->dynamic && (t < 1 || energy > 0)) {
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_goal(step, i), b->displacement[i]);
+        if (b->elimination)
+            sbi_elimination_follow(b->elimination, b->work, step->load_factor);
+        if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
+            sbi_step_take(step, b->work, alone);
+            return SB_OK;
+        }
+    }
+    if (!(t > least))
+        return sbi_step_no_step(step, bad);
+    sbi_step_take(step, b->work2, energy);
+    return SB_OK;
+}
+
+/* Takes the first share t = 1, 1/2, 1/4 ... of the increment whose shape is admissible and whose potential fell
+ * enough (Armijo). */
+static sb_result sbi_step_search(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_step_line line;
+    int bad = -1;
+    if (!step->energy_known && !sbi_step_try(step, b->displacement, &step->energy, &bad))
+        return sbi_step_no_step(step, bad);
+    step->energy_known = 1;
+    line = sbi_step_make_line(step);
+    if (!(line.slope < 0) && !step->linearised)
+        return SB_ERROR_INDEFINITE;
+    line.slope = sb_min(line.slope, 0);
+    for (sb_real t = 1; t > (sb_real)1e-6; t *= (sb_real)0.5) {
+        sb_real energy, change, noise;
+        sbi_step_trial(step, t);
+        if (!sbi_step_try(step, b->work2, &energy, &bad))
+            continue;
+        change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
+        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) +
+                                   t * line.load_size) +
+                4 * SB_EPSILON * b->assembly.energy_unit;
+        if (change <= (sb_real)1e-4 * t * line.slope + noise) {
+            sbi_step_take(step, b->work2, energy);
+            step->cautious = t < 1;
+            return SB_OK;
+        }
+    }
+    return sbi_step_no_step(step, bad);
+}
+
+SBI_API sb_result sbi_step_accept(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sb_result result = SB_OK;
+    if (step->line_search) {
+        result = step->moves_supports ? sbi_step_move_supports(step) : sbi_step_search(step);
+    } else {
+        sbi_step_trial(step, 1);
+        memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    }
+    if (result != SB_OK)
+        return result;
+    for (int i = 0; i < b->domain.node_count; i++)
+        if (!sb_v3_is_finite(b->displacement[i]))
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the displacement of node %d is not finite",
+                                 i);
+    b->force_current = 0;
+    step->has_velocity = 1;
+    return SB_OK;
+}

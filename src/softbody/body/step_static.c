@@ -1,0 +1,163 @@
+/* step_static: static solves: load increments on the Newton iteration of steps. */
+#include <string.h>
+
+#include "constraint.h"
+#include "load.h"
+#include "step_private.h"
+
+#define SBI_STATIC_COOKIE 0x57a71cu
+enum { SBI_STATIC_NEWTON = 30 };
+
+SB_API sb_static_options sb_default_static_options(void)
+{
+    sb_static_options options;
+    memset(&options, 0, sizeof options);
+    options.load_steps = 1;
+    options.tolerance = (sb_real)1e-6;
+    options.max_newton = SBI_STATIC_NEWTON;
+    options.max_iterations = 20000;
+    options.cookie = SBI_STATIC_COOKIE;
+    return options;
+}
+
+static sb_result sbi_static_check(sb_body *body, const sb_static_options *options, sb_error *error)
+{
+    int node;
+    if (!body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a static solve needs a body");
+    if (options->cookie != SBI_STATIC_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the options were not made by sb_default_static_options");
+    if (options->load_steps < 1 || options->max_newton < 1 || options->max_iterations < 1 ||
+        !(options->tolerance > 0) || !(options->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "load_steps, max_newton, max_iterations must be >= 1 and tolerance in (0, 1)");
+    node = sbi_body_unsupported_node(body);
+    if (node >= 0)
+        return sbi_fail_node(error, SB_ERROR_UNCONSTRAINED, node,
+                             "the part of the mesh with node %d can move freely: support it", node);
+    return SB_OK;
+}
+
+/* external = equilibrated + factor (present loads - equilibrated); gravity pulls at int rho N dV. */
+static void sbi_static_loads(sb_body *b, sb_real factor)
+{
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 full = sb_v3_madd(b->dead_load[i], b->load_mass[i], b->gravity);
+        b->external[i] = sb_v3_madd(b->equilibrated[i], factor, sb_v3_sub(full, b->equilibrated[i]));
+    }
+}
+
+/* Raises the load factor to 1. An increment that fails goes back to the last converged one and is halved. */
+static sb_result sbi_static_run(sbi_step *step, const sb_static_options *options)
+{
+    sb_body *b = step->body;
+    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    sb_real reached = 0, stride = (sb_real)1 / (sb_real)options->load_steps, least = stride / 64;
+    memcpy(b->converged, b->displacement, bytes);
+    sbi_loads_begin_static(b);
+    while (reached < 1) {
+        int before = step->info->newton_iterations, spent;
+        sb_result result;
+        step->load_factor = sb_min((sb_real)1, reached + stride);
+        if (step->load_factor > 1 - (sb_real)1e-3 * stride)
+            step->load_factor = 1;
+        step->loads_factor = step->load_factor;
+        step->norm = step->last_norm = 0;
+        step->energy_known = step->cautious = 0;
+        step->quasi = options->quasi_newton != 0;
+        sbi_static_loads(b, step->load_factor);
+        step->iteration = step->done = 0;
+        result = sbi_step_iterate(step, sbi_step_linearise(step));
+        spent = step->info->newton_iterations - before;
+        if (result != SB_OK) {
+            memcpy(b->displacement, b->converged, bytes);
+            b->force_current = 0;
+            stride *= (sb_real)0.5;
+            if (stride < least)
+                return result;
+            continue;
+        }
+        memcpy(b->converged, b->displacement, bytes);
+        reached = step->load_factor;
+        step->info->load_factor = reached;
+        step->info->load_steps++;
+        if (spent <= 5)
+            stride *= (sb_real)1.5;
+        if (options->progress)
+            options->progress(options->progress_user, step->info);
+    }
+    return SB_OK;
+}
+
+/* Takes the last converged increment as the body's state: at rest, with exact reactions. */
+static void sbi_static_commit(sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    size_t bytes = (size_t)b->domain.node_count * sizeof(sb_vec3);
+    memset(b->velocity, 0, bytes);
+    memset(b->acceleration, 0, bytes);
+    sbi_body_update_positions(b);
+    sbi_static_loads(b, step->info->load_factor);
+    memcpy(b->equilibrated, b->external, bytes);
+    sbi_loads_commit(b, b->displacement, b->displacement, step->info->load_factor);
+    sbi_loads_end_static(b, step->info->load_factor);
+    if (sbi_step_force(step) == SB_OK && b->elimination) {
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_sub(b->internal[i], b->external[i]);
+        sbi_constraint_reactions(b, b->work);
+    } else if (b->force_current)
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
+                                           sb_v3_sub(b->internal[i], b->external[i]), zero);
+    b->acceleration_known = 0;
+}
+
+static void sbi_static_tell(sb_body *body, const sb_static_options *options, sb_result result)
+{
+    const int ints[5] = {options->load_steps, options->max_newton, options->max_iterations, options->keep_progress,
+                         (options->instantaneous != 0) + 2 * (options->quasi_newton != 0)};
+    sbi_body_tell(body, SBI_COMMAND_STATIC, (int)result, 0, ints, 5, &options->tolerance, 1);
+}
+
+SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *options, sb_step_info *info)
+{
+    sb_static_options defaults = sb_default_static_options();
+    sb_step_info own;
+    sbi_step step;
+    sb_result result;
+    sb_real duration;
+    double begin;
+    info = info ? info : &own;
+    options = options ? options : &defaults;
+    sbi_step_begin_info(info);
+    result = sbi_static_check(body, options, &info->error);
+    if (result != SB_OK)
+        return result;
+    begin = sbi_step_now(body);
+    duration = options->instantaneous ? 0 : (sb_real)INFINITY;
+    memset(&step, 0, sizeof step);
+    step.body = body;
+    step.info = info;
+    step.tolerance = sb_max(options->tolerance, 64 * SB_EPSILON);
+    step.max_newton = sbi_max_int(options->max_newton, 2);
+    step.max_iterations = options->max_iterations;
+    step.line_search = 1;
+    sbi_step_save(body);
+    sbi_step_watch_knots(body, 0);
+    sbi_step_enter(body, duration);
+    result = sbi_static_run(&step, options);
+    if (result == SB_OK || (options->keep_progress && info->load_steps > 0)) {
+        sb_error error = info->error;
+        sbi_static_commit(&step);
+        sbi_step_leave(body, duration);
+        info->error = error;
+    } else {
+        sbi_step_restore(body);
+    }
+    if (result == SB_OK)
+        sbi_step_forget_error(info); /* of attempts with longer increments */
+    info->seconds_total = sbi_step_now(body) - begin;
+    sbi_static_tell(body, options, result);
+    return sbi_step_report(info, result);
+}

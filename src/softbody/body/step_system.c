@@ -1,0 +1,195 @@
+/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution, reactions. */
+#include <string.h>
+
+#include "constraint.h"
+#include "step_private.h"
+
+/* Where the supports of node i should be at the present load factor; exact at the end of the way. */
+SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    if (step->load_factor == 1)
+        return b->target[i];
+    return sb_v3_madd(b->start[i], step->load_factor, sb_v3_sub(b->target[i], b->start[i]));
+}
+
+/* What supported axes of node i still have to go. */
+static sb_vec3 sbi_step_way_to_go(const sbi_step *step, int i)
+{
+    const sb_body *b = step->body;
+    return sbi_body_pick_axes(b->fixed[i], sb_v3_sub(sbi_step_goal(step, i), b->displacement[i]), sb_v3(0, 0, 0));
+}
+
+SBI_API int sbi_step_supports_move(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    if (b->elimination && sbi_elimination_open(b->elimination, b->displacement, step->load_factor))
+        return 1;
+    for (int i = 0; i < b->domain.node_count; i++)
+        if (b->fixed[i]) {
+            sb_vec3 go = sbi_step_way_to_go(step, i);
+            if (go.x != 0 || go.y != 0 || go.z != 0)
+                return 1;
+        }
+    return 0;
+}
+
+/* Start of the linear solve: what the motion predicts on free axes, the way still to go on supported ones. */
+static void sbi_step_predict(sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int i = 0; i < b->domain.node_count; i++) {
+        sb_vec3 coast = sb_v3(0, 0, 0);
+        if (step->iteration == 0 && step->dynamic)
+            coast = sb_v3_scale(step->level * step->dt, b->velocity[i]);
+        b->increment[i] = sbi_body_pick_axes(b->fixed[i], sbi_step_way_to_go(step, i), coast);
+    }
+}
+
+/* Keeps the rows of supported nodes, which the reactions need, before they are masked. */
+static void sbi_step_keep_support_rows(sb_body *b)
+{
+    const sb_matrix *matrix = &b->matrix;
+    sb_real(*out)[9] = b->support_blocks;
+    for (int i = 0; i < matrix->row_count; i++)
+        if (b->fixed[i] && b->node_component[i] >= 0) {
+            int count = matrix->row_end[i] - matrix->row_start[i];
+            memcpy(out, matrix->blocks + matrix->row_start[i], (size_t)count * sizeof *out);
+            out += count;
+        }
+}
+
+/* Reactions of a constrained body, whose matrix has not been masked: r, or r + A du, condensed. */
+static void sbi_step_constrained_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    memcpy(b->work, b->residual, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    if (step->linearised) {
+        sb_matrix_multiply(&b->matrix, &b->increment[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < b->domain.node_count; i++)
+            b->work[i] = sb_v3_add(b->work[i], b->work2[i]);
+    }
+    sbi_constraint_reactions(b, b->work);
+}
+
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API void sbi_step_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    const sb_matrix *matrix = &b->matrix;
+    const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    if (b->elimination) {
+        sbi_step_constrained_reactions(step);
+        return;
+    }
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_vec3 sum = b->residual[i];
+        b->reaction[i] = zero;
+        if (!b->fixed[i] || b->node_component[i] < 0)
+            continue;
+        for (int k = matrix->row_start[i]; step->linearised && k < matrix->row_end[i]; k++, row++) {
+            sb_vec3 d = b->increment[matrix->columns[k]];
+            const sb_real *m = *row;
+            sum = sb_v3_add(sum, sb_v3(m[0] * d.x + m[1] * d.y + m[2] * d.z, m[3] * d.x + m[4] * d.y + m[5] * d.z,
+                                       m[6] * d.x + m[7] * d.y + m[8] * d.z));
+        }
+        b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
+    }
+}
+
+/* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
+ * progress (Eisenstat and Walker 1996, choice 2), never beyond what the residual's tolerance can notice. */
+static sb_real sbi_step_linear_tolerance(const sbi_step *step)
+{
+    const sb_body *b = step->body;
+    sb_real least = 10 * SB_EPSILON, enough = least, forcing = (sb_real)1e-2;
+    int linear = 1;
+    if (step->linear_tolerance > 0)
+        return step->linear_tolerance;
+    for (int i = 0; i < b->material_count; i++)
+        linear = linear && sb_material_is_linear(b->materials[i].model);
+    if (step->norm > 0)
+        enough = (sb_real)0.1 * step->tolerance * step->scale / step->norm;
+    if (linear)
+        return sb_max(sb_min((sb_real)0.1 * step->tolerance, enough), least);
+    if (step->iteration > 0 && step->last_norm > 0) {
+        sb_real ratio = step->norm / step->last_norm;
+        forcing = sb_min(forcing, (sb_real)0.5 * ratio * ratio);
+    }
+    return sb_max(sb_max(forcing, sb_min(enough, (sb_real)1e-2)), least);
+}
+
+/* T^T A T du' = T^T (-r - A g) in place of A du = -r, g being the jump that closes the constraints' gaps while their
+ * masters rest. Returns 1 when there is one. */
+static int sbi_step_condense(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    int n = b->domain.node_count, open = sbi_elimination_open(e, b->displacement, step->load_factor);
+    if (open) {
+        memset(b->work, 0, (size_t)n * sizeof(sb_vec3));
+        sbi_elimination_expand(e, b->work, 1);
+        sb_matrix_multiply(&b->matrix, &b->work[0].x, &b->work2[0].x, &b->jobs);
+        for (int i = 0; i < n; i++)
+            b->rhs[i] = sb_v3_sub(b->rhs[i], b->work2[i]);
+    }
+    sbi_elimination_reduce(e, b->rhs, b->rhs, NULL);
+    sbi_elimination_clear_slaves(e, b->increment);
+    sbi_elimination_condense(e, &b->matrix);
+    for (int i = 0; i < n; i++)
+        e->held[i] = (unsigned char)sbi_body_held(b, i);
+    return open;
+}
+
+SBI_API sb_result sbi_step_make_system(sbi_step *step)
+{
+    sb_body *b = step->body;
+    sbi_elimination *e = b->elimination;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    sb_result result;
+    double begin = sbi_step_now(b);
+    step->opens_gaps = 0;
+    sbi_step_predict(step);
+    for (int i = 0; i < b->domain.node_count; i++)
+        b->rhs[i] = sb_v3_scale(-1, b->residual[i]);
+    if (e)
+        step->opens_gaps = sbi_step_condense(step);
+    else
+        sbi_step_keep_support_rows(b);
+    sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
+    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    step->info->seconds_precond += sbi_step_now(b) - begin;
+    return result;
+}
+
+SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+{
+    sb_body *b = step->body;
+    sb_step_info *info = step->info;
+    sb_pcg_options options = sb_default_pcg_options();
+    sb_pcg_info pcg = {0, 0, 0, 0, 0};
+    sbi_elimination *e = b->elimination;
+    sb_result result;
+    double begin = sbi_step_now(b);
+    (void)guests; /* conjugate gradients have none yet */
+    SB_ASSERT(guest_count == 0);
+    (void)guest_count;
+    options.tolerance = (double)sbi_step_linear_tolerance(step);
+    options.max_iterations = step->max_iterations;
+    options.jobs = &b->jobs;
+    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    info->seconds_solve += sbi_step_now(b) - begin;
+    info->pcg_iterations += pcg.iterations;
+    info->newton_iterations++;
+    if (step->linearised)
+        info->residual = (sb_real)pcg.residual;
+    if (result == SB_ERROR_NOT_CONVERGED) { /* still the best increment so far: use it */
+        info->capped |= pcg.capped;
+        result = SB_OK;
+    }
+    if (e)
+        sbi_elimination_expand(e, b->increment, step->opens_gaps);
+    return result;
+}

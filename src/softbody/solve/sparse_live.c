@@ -1,0 +1,815 @@
+/* sparse_live: rows with room, counted couplings, parts that follow. */
+#include "sparse_live.h"
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+/* Takes the arrays of rows from the arena, measuring or for real. */
+static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_t rows, sbi_arena *arena)
+{
+    size_t parts = (size_t)sbi_matrix_most_parts((int)rows) + 1;
+    matrix->row_start = (int *)sbi_arena_take(arena, rows + 1, sizeof(int));
+    matrix->row_end = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->lost = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->held = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    live->seen = (int *)sbi_arena_take(arena, rows, sizeof(int));
+    matrix->fixed = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->in_use = (unsigned char *)sbi_arena_take(arena, rows, 1);
+    live->marks = (unsigned char *)sbi_arena_take(arena, rows, 1);
+}
+
+/* The same for those of blocks, with one sb_real to spare behind them and more. */
+static void sbi_live_layout_pool(sb_matrix *matrix, sbi_matrix_live *live, size_t blocks, sbi_arena *arena)
+{
+    matrix->blocks = (sb_real(*)[9])sbi_arena_take(arena, blocks + 1, sizeof matrix->blocks[0]);
+    matrix->columns = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    matrix->transpose = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+    live->uses = (int *)sbi_arena_take(arena, blocks, sizeof(int));
+}
+
+typedef void sbi_live_layout(sb_matrix *matrix, sbi_matrix_live *live, size_t count, sbi_arena *arena);
+
+/* Zeroed arrays of so many rows or blocks, 64-byte aligned; what has to be freed later, or NULL. */
+static void *sbi_live_take(sb_matrix *matrix, sbi_matrix_live *live, int count, sbi_live_layout *layout)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *memory;
+    layout(matrix, live, (size_t)count, &arena);
+    if (arena.overflow || arena.used > (size_t)-1 - 64)
+        return NULL;
+    memory = (unsigned char *)sbi_alloc_zeroed(&matrix->allocator, arena.used + 64, 1);
+    if (!memory)
+        return NULL;
+    arena.base = memory + (64 - (uintptr_t)memory % 64) % 64;
+    arena.used = 0;
+    layout(matrix, live, (size_t)count, &arena);
+    return memory;
+}
+
+/* Capacity for `least`: half as much again, as far as int goes. */
+static int sbi_live_more(int least) { return least > INT_MAX / 3 * 2 ? INT_MAX : least + least / 2; }
+
+static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old, sb_matrix *to, sbi_matrix_live *live)
+{
+    size_t ints = (size_t)from->row_count * sizeof(int);
+    memcpy(to->row_start, from->row_start, ints);
+    memcpy(to->row_end, from->row_end, ints);
+    memcpy(to->diagonal, from->diagonal, ints);
+    memcpy(to->part_rows, from->part_rows, ints);
+    memcpy(to->part_start, from->part_start, ((size_t)from->part_count + 1) * sizeof(int));
+    memcpy(to->fixed, from->fixed, (size_t)from->row_count);
+    if (!old)
+        return;
+    memcpy(live->room, old->room, ints);
+    memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->in_use, old->in_use, (size_t)from->row_count);
+}
+
+static int sbi_live_grow_rows(sb_matrix *matrix, int rows)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, rows, sbi_live_layout_rows);
+    if (!memory)
+        return 0;
+    sbi_live_copy_rows(matrix, matrix->live, &grown, &live);
+    sbi_free(&matrix->allocator, live.row_memory);
+    live.row_memory = memory;
+    live.row_capacity = rows;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+static void sbi_live_copy_pool(const sb_matrix *from, sb_matrix *to)
+{
+    memcpy(to->blocks, from->blocks, (size_t)from->block_count * sizeof from->blocks[0]);
+    memcpy(to->columns, from->columns, (size_t)from->block_count * sizeof(int));
+    memcpy(to->transpose, from->transpose, (size_t)from->block_count * sizeof(int));
+}
+
+static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
+{
+    sb_matrix grown = *matrix;
+    sbi_matrix_live live = *matrix->live;
+    void *memory = sbi_live_take(&grown, &live, blocks, sbi_live_layout_pool);
+    if (!memory)
+        return 0;
+    sbi_live_copy_pool(matrix, &grown);
+    memcpy(live.uses, matrix->live->uses, (size_t)matrix->block_count * sizeof(int));
+    sbi_free(&matrix->allocator, live.pool_memory);
+    live.pool_memory = memory;
+    live.block_capacity = blocks;
+    *matrix->live = live;
+    *matrix = grown;
+    return 1;
+}
+
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
+{
+    if (!matrix->live)
+        return;
+    sbi_free(&matrix->allocator, matrix->live->row_memory);
+    sbi_free(&matrix->allocator, matrix->live->pool_memory);
+    sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live);
+    matrix->live = NULL;
+}
+
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
+{
+    int count = 0;
+    if (!matrix->live)
+        return matrix->block_count;
+    for (int i = 0; i < matrix->row_count; i++)
+        count += matrix->row_end[i] - matrix->row_start[i];
+    return count;
+}
+
+/* ---- places of the pool --------------------------------------------------------------------------------- */
+
+/* Leaves a place to no row. */
+static void sbi_live_clear(sb_matrix *matrix, int place)
+{
+    memset(matrix->blocks[place], 0, sizeof matrix->blocks[place]);
+    matrix->columns[place] = 0;
+    matrix->transpose[place] = place;
+    matrix->live->uses[place] = 0;
+}
+
+/* Brings a block of row i to another place. */
+static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
+{
+    int twin = matrix->transpose[from];
+    memcpy(matrix->blocks[to], matrix->blocks[from], sizeof matrix->blocks[to]);
+    matrix->columns[to] = matrix->columns[from];
+    matrix->live->uses[to] = matrix->live->uses[from];
+    if (matrix->columns[to] == i) {
+        matrix->diagonal[i] = matrix->transpose[to] = to;
+        return;
+    }
+    matrix->transpose[to] = twin;
+    matrix->transpose[twin] = to;
+}
+
+static int sbi_live_piece_places(int length)
+{
+    return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE;
+}
+
+/* A piece for a row of so many blocks; its places are cleared. */
+static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
+{
+    sbi_matrix_live *live = matrix->live;
+    int places = sbi_live_piece_places(length), size = places / SBI_LIVE_PIECE - 1, start;
+    start = size < SBI_LIVE_PIECE_SIZES ? live->free_pieces[size] : -1;
+    if (start >= 0) {
+        live->free_pieces[size] = live->uses[start];
+        live->uses[start] = 0;
+    } else {
+        start = matrix->block_count;
+        matrix->block_count += places; /* there is room: sbi_matrix_reserve has seen to it */
+        for (int k = start; k < matrix->block_count; k++)
+            sbi_live_clear(matrix, k);
+    }
+    matrix->row_start[i] = matrix->row_end[i] = start;
+    live->room[i] = places;
+}
+
+/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest, waits
+ * for the rows to be pushed together. */
+static void sbi_live_give_piece(sb_matrix *matrix, int start, int places)
+{
+    sbi_matrix_live *live = matrix->live;
+    int size = places / SBI_LIVE_PIECE - 1;
+    if (size < 0 || size >= SBI_LIVE_PIECE_SIZES)
+        return;
+    live->uses[start] = live->free_pieces[size];
+    live->free_pieces[size] = start;
+}
+
+/* A row of its diagonal block only, 0. */
+static void sbi_live_open_row(sb_matrix *matrix, int i)
+{
+    sbi_live_take_piece(matrix, i, 1);
+    matrix->diagonal[i] = matrix->row_start[i];
+    matrix->columns[matrix->row_start[i]] = i;
+    matrix->row_end[i] = matrix->row_start[i] + 1;
+    matrix->fixed[i] = 0;
+    matrix->live->in_use[i] = 0;
+    matrix->live->part_of[i] = -1;
+}
+
+static void sbi_live_touch(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (!live->marks[i]) {
+        live->marks[i] = 1;
+        live->lost[i] = i;
+        live->touched[live->touched_count++] = i;
+    }
+}
+
+/* ---- pushing rows together ------------------------------------------------------------------------------ */
+
+static void sbi_live_sift(const int *start, int *rows, int root, int count)
+{
+    int row = rows[root];
+    for (int child = 2 * root + 1; child < count; child = 2 * root + 1) {
+        if (child + 1 < count && start[rows[child]] < start[rows[child + 1]])
+            child++;
+        if (start[row] >= start[rows[child]])
+            break;
+        rows[root] = rows[child];
+        root = child;
+    }
+    rows[root] = row;
+}
+
+/* Rows by the places of their pieces. */
+static void sbi_live_order_rows(const sb_matrix *matrix, int *rows)
+{
+    int count = matrix->row_count;
+    for (int i = 0; i < count; i++)
+        rows[i] = i;
+    for (int root = count / 2; root-- > 0;)
+        sbi_live_sift(matrix->row_start, rows, root, count);
+    for (int last = count - 1; last > 0; last--) {
+        int top = rows[0];
+        rows[0] = rows[last];
+        rows[last] = top;
+        sbi_live_sift(matrix->row_start, rows, 0, last);
+    }
+}
+
+/* Places that rows take once they are pushed together: as long as they are. */
+static void sbi_live_pack(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *rows = live->held, end = 0, old_end = matrix->block_count;
+    sbi_live_order_rows(matrix, rows);
+    for (int k = 0; k < matrix->row_count; k++) {
+        int i = rows[k];
+        int start = end;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++, end++)
+            if (q != end)
+                sbi_live_move(matrix, i, q, end);
+        matrix->row_start[i] = start;
+        matrix->row_end[i] = end;
+        live->room[i] = end - start;
+    }
+    for (int q = end; q < old_end; q++)
+        sbi_live_clear(matrix, q);
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    matrix->block_count = end;
+    live->repacked = 1;
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_live_touch(matrix, i);
+}
+
+/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+
+static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+{
+    return a.row < b.row || (a.row == b.row && a.column < b.column);
+}
+
+/* By row and column; Shell's sort, with gaps of Ciura. */
+static void sbi_live_sort_keys(sbi_live_key *keys, int count)
+{
+    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
+    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
+        int gap = gaps[g];
+        for (int k = gap; k < count; k++) {
+            sbi_live_key key = keys[k];
+            int at = k;
+            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
+                keys[at] = keys[at - gap];
+            keys[at] = key;
+        }
+    }
+}
+
+/* Plans the coupling of two nodes, unless the pattern has it. */
+static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
+{
+    sbi_matrix_live *live = matrix->live;
+    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+        return;
+    for (int flip = 0; flip < 2; flip++) {
+        sbi_live_key *key = live->keys + live->key_count++;
+        key->row = flip ? j : i;
+        key->column = flip ? i : j;
+        key->uses = 1;
+    }
+}
+
+/* Sorts the plan and makes one of several keys of a coupling. */
+static void sbi_live_merge_keys(sbi_matrix_live *live)
+{
+    int count = 0;
+    sbi_live_sort_keys(live->keys, live->key_count);
+    for (int k = 0; k < live->key_count; k++)
+        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
+            live->keys[count - 1].uses += live->keys[k].uses;
+        else
+            live->keys[count++] = live->keys[k];
+    live->key_count = count;
+}
+
+/* Fills the plan; 0: no memory. */
+static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_matrix_live *live = matrix->live;
+    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
+    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
+    if (most > (size_t)live->key_capacity) {
+        int capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
+        sbi_live_key *keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
+        if (!keys)
+            return 0;
+        sbi_free(&matrix->allocator, live->keys);
+        live->keys = keys;
+        live->key_capacity = capacity;
+    }
+    live->key_count = 0;
+    for (int c = 0; c < cells; c++) {
+        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_plan_pair(matrix, cell[a], cell[b]);
+    }
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
+    sbi_live_merge_keys(live);
+    return 1;
+}
+
+/* Places that the plan takes at the pool's end at most. */
+static size_t sbi_live_planned_places(const sb_matrix *matrix, int row_count)
+{
+    const sbi_matrix_live *live = matrix->live;
+    size_t places = SBI_LIVE_PIECE * (size_t)sbi_max_int(0, row_count - matrix->row_count);
+    for (int k = 0, next; k < live->key_count; k = next) {
+        int i = live->keys[k].row, is_new = i >= matrix->row_count;
+        int length = is_new ? 1 : matrix->row_end[i] - matrix->row_start[i];
+        for (next = k; next < live->key_count && live->keys[next].row == i; next++)
+            length++;
+        if (is_new || length > live->room[i])
+            places += (size_t)sbi_live_piece_places(length);
+    }
+    return places;
+}
+
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error)
+{
+    sbi_matrix_live *live = matrix->live;
+    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
+    if (made && rows > live->row_capacity)
+        made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    live->pack = 0;
+    if (made) {
+        size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
+        if ((size_t)matrix->block_count + more > most) {
+            /* half of what is pushed together stays free, or soon it would have to be done again */
+            size_t needed = (size_t)sbi_matrix_used_blocks(matrix) + more;
+            live->pack = needed + needed / 8 <= most;
+            if (!live->pack)
+                made = (size_t)matrix->block_count + more <= INT_MAX &&
+                       sbi_live_grow_pool(matrix, sbi_live_more((int)((size_t)matrix->block_count + more)));
+        }
+    }
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows to change", rows);
+}
+
+/* ---- following ------------------------------------------------------------------------------------------- */
+
+/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
+{
+    int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
+    if (q < 0)
+        return;
+    matrix->live->uses[q] += uses;
+    matrix->live->uses[matrix->transpose[q]] += uses;
+    if (matrix->live->uses[q] == 0) {
+        sbi_live_touch(matrix, i);
+        sbi_live_touch(matrix, j);
+    }
+}
+
+static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int *cells, int uses)
+{
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                sbi_live_count(matrix, cells[a], cells[b], uses);
+}
+
+static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+{
+    for (int k = 0; k < count; k++)
+        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+}
+
+/* All couplings of a node that goes. */
+static void sbi_live_drop_node(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    sbi_live_touch(matrix, i);
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->uses[q] = live->uses[matrix->transpose[q]] = 0;
+        sbi_live_touch(matrix, matrix->columns[q]);
+    }
+    live->in_use[i] = 0;
+    live->part_of[i] = -1;
+}
+
+static int sbi_live_root(int *parent, int i)
+{
+    while (parent[i] != i) {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    return i;
+}
+
+static void sbi_live_join(int *parent, int i, int j)
+{
+    i = sbi_live_root(parent, i);
+    j = sbi_live_root(parent, j);
+    parent[sbi_max_int(i, j)] = sbi_min_int(i, j);
+}
+
+/* Takes couplings that nothing needs any more out of a row. */
+static void sbi_live_sweep_row(sb_matrix *matrix, int i)
+{
+    sbi_matrix_live *live = matrix->live;
+    int end = matrix->row_start[i];
+    for (int q = end; q < matrix->row_end[i]; q++) {
+        if (live->uses[q] == 0 && matrix->columns[q] != i) {
+            sbi_live_join(live->lost, i, matrix->columns[q]);
+            continue;
+        }
+        if (q != end)
+            sbi_live_move(matrix, i, q, end);
+        end++;
+    }
+    for (int q = end; q < matrix->row_end[i]; q++)
+        sbi_live_clear(matrix, q);
+    matrix->row_end[i] = end;
+}
+
+/* Brings a row to a piece with room for `length` blocks. */
+static void sbi_live_move_row(sb_matrix *matrix, int i, int length)
+{
+    int start = matrix->row_start[i], end = matrix->row_end[i], room = matrix->live->room[i];
+    sbi_live_take_piece(matrix, i, length);
+    for (int q = start; q < end; q++) {
+        sbi_live_move(matrix, i, q, matrix->row_end[i]++);
+        sbi_live_clear(matrix, q);
+    }
+    sbi_live_give_piece(matrix, start, room);
+}
+
+/* Merges planned couplings, all of row i, into it. */
+static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys, int count)
+{
+    int length = matrix->row_end[i] - matrix->row_start[i] + count, read, write;
+    if (length > matrix->live->room[i])
+        sbi_live_move_row(matrix, i, length);
+    read = matrix->row_end[i] - 1;
+    matrix->row_end[i] += count;
+    for (write = matrix->row_end[i] - 1; count > 0; write--) {
+        const sbi_live_key *key = keys + count - 1;
+        if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
+            sbi_live_move(matrix, i, read--, write);
+            continue;
+        }
+        sbi_live_clear(matrix, write);
+        matrix->columns[write] = key->column;
+        matrix->live->uses[write] = key->uses;
+        count--;
+    }
+}
+
+static void sbi_live_fill(sb_matrix *matrix)
+{
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0, next; k < live->key_count; k = next) {
+        for (next = k; next < live->key_count && live->keys[next].row == live->keys[k].row; next++)
+            continue;
+        sbi_live_fill_row(matrix, live->keys[k].row, live->keys + k, next - k);
+    }
+    for (int k = 0; k < live->key_count; k++) {
+        int i = live->keys[k].row, j = live->keys[k].column, q, twin;
+        if (i > j)
+            continue;
+        q = sb_matrix_find(matrix, i, j);
+        twin = sb_matrix_find(matrix, j, i);
+        matrix->transpose[q] = twin;
+        matrix->transpose[twin] = q;
+    }
+}
+
+/* ---- parts ------------------------------------------------------------------------------------------------ */
+
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
+ * still hang together by couplings of theirs. 0: that has to be looked into. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        live->seen[i] = -1;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->held[matrix->columns[q]] = matrix->columns[q];
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k];
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            sbi_live_join(live->held, i, matrix->columns[q]);
+    }
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], group, held;
+        if (!live->in_use[i])
+            continue;
+        group = sbi_live_root(live->lost, i);
+        held = sbi_live_root(live->held, i);
+        if (live->seen[group] >= 0 && live->seen[group] != held)
+            return 0;
+        live->seen[group] = held;
+    }
+    return 1;
+}
+
+/* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
+static int sbi_live_parts_extend(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int open, found;
+    do {
+        open = found = 0;
+        for (int k = 0; k < live->touched_count; k++) {
+            int i = live->touched[k];
+            if (live->part_of[i] >= 0 || sbi_live_is_alone(matrix, i))
+                continue;
+            for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->part_of[i] < 0; q++)
+                live->part_of[i] = live->part_of[matrix->columns[q]];
+            found |= live->part_of[i] >= 0;
+            open |= live->part_of[i] < 0;
+        }
+    } while (open && found);
+    for (int k = 0; k < live->key_count && !open; k++)
+        open |= live->part_of[live->keys[k].row] != live->part_of[live->keys[k].column];
+    return !open;
+}
+
+/* Numbers parts by their first rows, rows with their diagonal block only as one, and lists them. */
+static void sbi_live_number_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int *number = live->held, alone = -1;
+    for (int c = 0; c < matrix->row_count; c++)
+        number[c] = -1;
+    matrix->part_count = 0;
+    for (int i = 0; i < matrix->row_count; i++) {
+        int *at = sbi_live_is_alone(matrix, i) ? &alone : number + live->part_of[i];
+        if (*at < 0)
+            *at = matrix->part_count++;
+        live->part_of[i] = *at;
+    }
+    sbi_sparse_list_parts(matrix, live->part_of);
+}
+
+static void sbi_live_follow_parts(sb_matrix *matrix)
+{
+    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+        sbi_live_number_parts(matrix);
+    else
+        sbi_sparse_find_parts(matrix, matrix->live->part_of);
+}
+
+/* ---- all of it --------------------------------------------------------------------------------------------- */
+
+static void sbi_live_set_free_row(sb_matrix *matrix, int i)
+{
+    sb_real *block = matrix->blocks[matrix->diagonal[i]];
+    for (int k = 0; k < 9; k++)
+        block[k] = (sb_real)(k % 4 == 0);
+    matrix->fixed[i] = SB_XYZ;
+}
+
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
+{
+    for (int i = 0; matrix->live && i < matrix->row_count; i++)
+        if (!matrix->live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+}
+
+static void sbi_live_begin(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->touched_count = 0;
+    live->repacked = 0;
+    if (live->pack)
+        sbi_live_pack(matrix);
+    live->pack = 0;
+}
+
+/* Nodes that go, rows that begin, nodes that come. */
+static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < change->removed_node_count; k++)
+        sbi_live_drop_node(matrix, change->removed_nodes[k]);
+    for (; matrix->row_count < change->node_end; matrix->row_count++)
+        sbi_live_open_row(matrix, matrix->row_count);
+    for (int k = 0; k < change->made_node_count; k++) {
+        int i = change->made_nodes[k];
+        sbi_live_touch(matrix, i);
+        memset(matrix->blocks[matrix->diagonal[i]], 0, sizeof matrix->blocks[0]);
+        matrix->fixed[i] = 0;
+        live->in_use[i] = 1;
+        live->part_of[i] = -1;
+    }
+}
+
+/* Rows beyond the last node go; rows of nodes that are gone have their diagonal block only. */
+static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_matrix_live *live = matrix->live;
+    while (matrix->row_count > change->node_end) {
+        int i = --matrix->row_count;
+        sbi_live_clear(matrix, matrix->row_start[i]);
+        sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
+    }
+    for (int k = 0, count = live->touched_count; k < count; k++) {
+        int i = live->touched[k];
+        live->marks[i] = 0;
+        if (i >= matrix->row_count)
+            continue;
+        if (!live->in_use[i])
+            sbi_live_set_free_row(matrix, i);
+    }
+    for (int k = live->touched_count; k-- > 0;)
+        if (live->touched[k] >= matrix->row_count)
+            live->touched[k] = live->touched[--live->touched_count];
+}
+
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    sbi_mesh_change same;
+    sbi_matrix_live *live = matrix->live;
+    int n;
+    memset(&same, 0, sizeof same);
+    same.node_end = matrix->row_count;
+    change = change ? change : &same;
+    n = change->nodes_per_cell;
+    sbi_live_begin(matrix);
+    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
+    sbi_live_follow_nodes(matrix, change);
+    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; k < live->key_count; k++)
+        sbi_live_touch(matrix, live->keys[k].row);
+    for (int k = 0; k < live->touched_count; k++)
+        sbi_live_sweep_row(matrix, live->touched[k]);
+    sbi_live_fill(matrix);
+    sbi_live_end_nodes(matrix, change);
+    sbi_live_follow_parts(matrix);
+    live->key_count = 0;
+}
+
+/* ---- making one -------------------------------------------------------------------------------------------- */
+
+/* Takes over rows and blocks of a compact matrix. */
+static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows, int blocks)
+{
+    sb_matrix made = *matrix;
+    live->row_capacity = rows;
+    live->block_capacity = blocks;
+    live->row_memory = sbi_live_take(&made, live, rows, sbi_live_layout_rows);
+    live->pool_memory = live->row_memory ? sbi_live_take(&made, live, blocks, sbi_live_layout_pool) : NULL;
+    if (!live->pool_memory) {
+        sbi_free(&matrix->allocator, live->row_memory);
+        return 0;
+    }
+    sbi_live_copy_rows(matrix, NULL, &made, live);
+    sbi_live_copy_pool(matrix, &made);
+    for (int i = 0; i < matrix->row_count; i++)
+        live->room[i] = made.row_end[i] - made.row_start[i];
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            live->part_of[matrix->part_rows[k]] = c;
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        live->free_pieces[size] = -1;
+    sbi_free(&matrix->allocator, made.memory);
+    made.memory = NULL;
+    made.live = live;
+    *matrix = made;
+    return 1;
+}
+
+static int sbi_live_capacity(int count, double slack)
+{
+    double capacity = (double)count * (1 + slack);
+    return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
+}
+
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error)
+{
+    sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
+    if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
+                                     sbi_live_capacity(matrix->block_count, slack))) {
+        sbi_free(&matrix->allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
+    }
+    for (int i = 0; i < matrix->row_count; i++)
+        live->in_use[i] = !in_use || in_use[i];
+    for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
+        if (cells[0] >= 0)
+            sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
+    if (others)
+        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int i = 0; i < matrix->row_count; i++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+            live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
+    sbi_matrix_set_free_rows(matrix);
+    return SB_OK;
+}
+
+/* ---- checks ------------------------------------------------------------------------------------------------ */
+
+static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int start = matrix->row_start[i], end = matrix->row_end[i];
+    if (start < 0 || end <= start || end - start > live->room[i] || start > matrix->block_count - live->room[i])
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d has %d blocks from %d on in %d places", i, end - start,
+                             start, live->room[i]);
+    if (!live->in_use[i] && (end - start != 1 || matrix->fixed[i] != SB_XYZ))
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is not in use, but coupled or free to move", i);
+    if (matrix->diagonal[i] < start || matrix->diagonal[i] >= end || matrix->columns[matrix->diagonal[i]] != i)
+        return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: the diagonal block is not where it should be", i);
+    for (int q = start; q < end; q++) {
+        int j = matrix->columns[q], twin = matrix->transpose[q];
+        if (j < 0 || j >= matrix->row_count || (q > start && j <= matrix->columns[q - 1]))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is out of order", i, j);
+        if (twin != sb_matrix_find(matrix, j, i) || live->uses[q] != live->uses[twin])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d has another transpose or count", i, j);
+        if ((j == i) != (live->uses[q] == 0))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j, live->uses[q]);
+        if (live->part_of[j] != live->part_of[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is in another part", i, j);
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
+{
+    const sbi_matrix_live *live = matrix->live;
+    if (!live)
+        return SB_OK;
+    if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
+    for (int i = 0; i < matrix->row_count; i++) {
+        sb_result result = sbi_live_check_row(matrix, i, error);
+        if (result != SB_OK)
+            return result;
+        if (live->marks[i])
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
+    }
+    for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
+        for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
+            for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
+                if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
+                    return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    for (int c = 0; c < matrix->part_count; c++)
+        for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
+            if (live->part_of[matrix->part_rows[k]] != c)
+                return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    return SB_OK;
+}

@@ -1,0 +1,94 @@
+/* sparse_live: a matrix whose pattern follows a mesh that changes. Floor 1, internal.
+ *
+ * Rows lie in one pool, each in a piece with room to spare. A row that outgrows its piece moves to a free piece of the
+ * size it needs, or to the pool's end; pieces come in sizes of SBI_LIVE_PIECE places and wait in one list a size. When
+ * the pool is full, rows are pushed together. Columns ascend in every row whatever the history, so products, sums over
+ * rows and all that is made from them are functions of the pattern alone; only positions in the pool are history.
+ * Places in no row hold zero blocks of column 0 that are their own transposes: loops over all blocks need not know.
+ *
+ * Each coupling counts the cells that have both its nodes, and the loads, mappings and constraints that need it
+ * besides; it goes when the last of them does. A row that is not in use keeps its diagonal block, the identity, and is
+ * fixed. */
+#ifndef SB_SPARSE_LIVE_H
+#define SB_SPARSE_LIVE_H
+
+#include "../mesh/mesh_change.h"
+#include "sparse.h"
+
+enum { SBI_LIVE_PIECE = 4, SBI_LIVE_PIECE_SIZES = 64 };
+
+/* Couplings besides those of cells that come and go, each named once as a pair of nodes; a pair that comes twice has to
+ * go twice. Those of nodes that a change removes go by themselves: leave them out. Pairs of one node with itself count
+ * for nothing. */
+typedef struct sbi_matrix_couplings {
+    int gone_count;
+    const int *gone; /* [gone_count][2] */
+    int made_count;
+    const int *made; /* [made_count][2] */
+} sbi_matrix_couplings;
+
+/* A coupling that a change makes, in one direction. */
+typedef struct sbi_live_key {
+    int row, column;
+    int uses;
+} sbi_live_key;
+
+typedef struct sbi_matrix_live {
+    int row_capacity, block_capacity;
+    int *room;               /* [row_capacity] places of the row's piece */
+    int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    unsigned char *in_use;   /* [row_capacity] */
+    unsigned char *marks;    /* [row_capacity] zeros between calls */
+    int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
+                                            * place has the next */
+    /* what the last change did */
+    int *touched;            /* [row_capacity] rows with other columns or in other places than before */
+    int touched_count;
+    int repacked;            /* 1: all rows moved */
+    /* parts */
+    int *part_of;            /* [row_capacity] */
+    int *lost, *held, *seen; /* [row_capacity] scratch */
+    /* the plan of the change reserved last */
+    sbi_live_key *keys;      /* new couplings, by row and column */
+    int key_count, key_capacity;
+    int pack;                /* 1: rows are pushed together first */
+    void *row_memory, *pool_memory;
+} sbi_matrix_live;
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else that
+ * stays for ever); rows that no cell names and in_use excludes are free.
+ * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
+ * others   made: couplings besides; NULL: none
+ * in_use   [row_count] or NULL: all
+ * slack    share of rows and blocks in reserve, >= 0
+ * SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
+                                       const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
+                                       sb_error *error);
+/* Memory to follow a change; change or others may be NULL. SB_ERROR_MEMORY leaves the matrix as it was. */
+SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
+                                     const sbi_matrix_couplings *others, sb_error *error);
+/* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
+ * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+/* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
+SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* Blocks that are in rows. */
+SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
+/* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
+SBI_API void sbi_matrix_free_live(sb_matrix *matrix);
+/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
+ * first fault. */
+SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
+
+/* ---- sparse ---- */
+
+/* Finds the connected parts of rows and lists them; part_of [row_count]. */
+SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
+/* Lists rows by part, once every row has one. */
+SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+#endif
+
+#endif /* SB_SPARSE_LIVE_H */
