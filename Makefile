@@ -32,7 +32,9 @@ WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wun
 	-Wvla
 C_WARNINGS = $(WARNINGS) -Wstrict-prototypes -Wmissing-prototypes
 INCLUDES = -I. -Itests -Ibuild
-TEST_INCLUDES = -Ibuild/include $(INCLUDES)
+TEST_INCLUDES = $(if $(filter $<,$(WHOLE_TESTS)),,-Ibuild/include) $(INCLUDES)
+# Tests of what is internal hold an implementation of their own.
+WHOLE_TESTS = $(shell grep -l '^\#define SB_IMPLEMENTATION' tests/test_*.c)
 
 PRODUCTS = softbody needle register
 HEADERS = $(PRODUCTS:%=%.h)
@@ -115,7 +117,8 @@ build/calls.h: tests/calls.awk tests/calls.txt $(filter %.h,$(PARTS))
 define suite
 build/$(1)/%.o: tests/%.c $(DECLARATIONS) $(wildcard tests/*.h examples/*.h) build/flags
 	@mkdir -p $$(@D)
-	$(2) -Ibuild/$(1) $(TEST_INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
+	$(2) -Ibuild/$(1) $$(TEST_INCLUDES) $(3) $$(UNIT_CFLAGS) -c $$< -o $$@
+$(WHOLE_TESTS:tests/%.c=build/$(1)/%.o): $(HEADERS)
 build/$(1)/implementation.o: tests/implementation.c $(HEADERS) build/flags
 	@mkdir -p $$(@D)
 	$(2) $(INCLUDES) $(3) -c $$< -o $$@

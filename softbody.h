@@ -33,6 +33,10 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
+ *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
+ *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -104,7 +108,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
@@ -113,6 +117,8 @@
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
+ *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
  *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
@@ -276,6 +282,36 @@
  *     sb_mesh_free(&drawn);
  *     ```
  *
+ * From a segmented scan to tets whose regions are its labels (1 liver, 2 tumour, say):
+ *
+ *     ```c fragment
+ *     sb_load_options options = sb_default_load_options();
+ *     sb_label_def labels = sb_default_label_def();
+ *     sb_image scan = {0};
+ *     sb_mesh outside = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_error error;
+ *     options.scale = (sb_real)0.001;                     // the file is in millimetres
+ *     labels.image = &scan;                               // all labels but 0
+ *     if (sb_image_load(&scan, "scan.nrrd", &options, &error) != SB_OK ||
+ *         sb_image_surface(&labels, &outside, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&outside, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.01;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK || sb_image_set_regions(&scan, &tets, &error) != SB_OK)
+ *         return 1;
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&outside);
+ *     sb_image_free(&scan);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -303,8 +339,8 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
- * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
+ * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -547,6 +583,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -570,6 +609,7 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32
@@ -2747,6 +2787,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 #endif /* SB_MESHGEN_H */
 
 /* ==== src/softbody/mesh/meshio.h ==== */
+#if !defined(SB_NO_FILES)
 /* meshio: reads and writes mesh files. Floor 1: calls core, dense, element and mesh.
  *
  *     file ---> bounded reader ---> cells of any kind ---> one element type ---> checked sb_mesh
@@ -2928,8 +2969,10 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
 SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_MESHIO_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image.h ==== */
+#if !defined(SB_NO_FILES)
 /* image: label images, as segmentations come. Floor 1: calls base and the readers of meshio.
  *
  *     sb_image image;
@@ -2994,8 +3037,10 @@ SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point);
 
 
 #endif /* SB_IMAGE_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/labels.h ==== */
+#if !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY)
 /* labels: from a label image to what is simulated: a closed surface round labels, and regions of a mesh. Floor 2.
  *
  *     sb_label_def def = sb_default_label_def();
@@ -3060,8 +3105,10 @@ SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_lab
 SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_LABELS_H */
+#endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface: closest point, ray, signed distance, winding number and inside test on a triangle surface; its checks and
  * repairs. Floor 2.
  *
@@ -3303,8 +3350,10 @@ typedef struct sb_shape {
 
 
 #endif /* SB_SURFACE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing: a tetrahedral mesh from any closed surface or signed distance, with bounded dihedral angles. Floor 2.
  * Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice is laid over the shape, lattice points
  * near the surface are moved onto it, and the tets that it still crosses are cut by stencils. No size of the input
@@ -3385,6 +3434,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 
 
 #endif /* SB_STUFFING_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.h ==== */
 /* material: constitutive models at one point: energy, stress and tangent of a deformation gradient. Floor 2.
@@ -4906,6 +4956,7 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 #endif /* SB_PCG_H */
 
 /* ==== src/softbody/geometry/grid.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid: regular hexahedral grids round bodies whose surface cuts the cells (immersed boundary). Floor 2. */
 #ifndef SB_GRID_H
 #define SB_GRID_H
@@ -5039,6 +5090,7 @@ SB_API void sb_grid_rows_free(sb_grid_rows *rows); /* NULL and {0} are fine */
 SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces);
 
 #endif /* SB_GRID_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/body.h ==== */
 /* body: a mesh with material, supports, loads and state. Floor 3. */
@@ -5162,18 +5214,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -5297,7 +5357,10 @@ SB_API const char *sb_check_string(unsigned warning);
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
@@ -5363,6 +5426,7 @@ SB_API sb_result sb_body_mapping_forces(const sb_body *body, int load_id, sb_vec
 #endif /* SB_LOAD_H */
 
 /* ==== src/softbody/geometry/embed.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed: points and surfaces carried along by a volume mesh, and forces on them brought back. Floor 2.
  *
  * How a point is held. Inside the mesh it is (element, xi) and moves as x(xi) = sum_a N_a(xi) x_a. A drawn surface is
@@ -5475,6 +5539,7 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
 SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are fine */
 
 #endif /* SB_EMBED_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/constraint.h ==== */
 /* constraint: linear equations among displacements, and faces of two meshes tied together. Floor 3.
@@ -6056,6 +6121,7 @@ typedef struct sbi_mesh_change {
 } sbi_mesh_change;
 
 /* ==== src/softbody/mesh/image.h, internal ==== */
+#if !defined(SB_NO_FILES)
 /* Position of the point with the coordinates i, j, k, and the way back. */
 typedef struct sbi_image_frame {
     sb_mat3 axes, inverse; /* columns of axes: from a voxel to the next */
@@ -6064,8 +6130,10 @@ typedef struct sbi_image_frame {
 SBI_API sbi_image_frame sbi_image_get_frame(const sb_image *image);
 /* Label at the point, 0 outside. */
 SBI_API int sbi_image_lookup(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point);
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* ---- internal: surface.c lends the cutting of faces to the checks -------------------------------------------- */
 
 /* Triangles and the elements they were cut from. Of `triangles` only the elements are to be released, through
@@ -6078,8 +6146,10 @@ typedef struct sbi_surface_cut {
 SBI_API sb_result sbi_surface_cut_make(const sb_mesh *mesh, const sb_allocator *allocator, sbi_surface_cut *cut,
                                        sb_error *error);
 SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut *cut);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* doubtful[triangles] = 1 for those that cross others, or whose sides are not inside and outside: where one of them is
  * the nearest, only the winding number tells the sign. Returns 1 when triangles cross or may (then all are doubtful),
  * 0 when not (all are 0), -1: no memory. Some 2 us for each triangle, 10 us when they cross. */
@@ -6087,12 +6157,15 @@ SBI_API int sbi_surface_find_doubtful(const sb_surface *surface, unsigned char *
 /* *triangle: one of a part (of what shares nodes) that looks inward and is no cavity, or -1. Open surfaces: as far as
  * winding numbers tell. 0: no memory. */
 SBI_API int sbi_surface_find_inside_out(const sb_surface *surface, const sb_allocator *allocator, int *triangle);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.h, internal ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* Fills in the shares that a tet4 mesh (empty: none) keeps of the shapes; SB_ERROR_MESH where one is below
  * least_share. */
 SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_mesh *mesh, sb_stuff_report *report,
                                               sb_error *error);
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.h, internal ==== */
 /* ==== internal: shares of a material =====================================================================
@@ -10659,6 +10732,7 @@ SB_API sb_result sb_mesh_organ(sb_element_type type, int cells, const sb_allocat
 }
 
 /* ==== src/softbody/mesh/meshio_reader.h ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_reader: what all mesh formats share, internal. A bounded reader that counts lines, exact number
  * parsing, and the loader that gathers nodes and cells of any kind. Part of the room meshio. */
 #ifndef SB_MESHIO_READER_H
@@ -11057,8 +11131,10 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base);
 SBI_API int sbi_stl_is_binary(const char *data, size_t size);
 
 #endif /* SB_MESHIO_READER_H */
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_number.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_number: words compared, integers and reals from text, exact to the last bit whatever the C library. */
 
 #include <float.h>
@@ -11373,8 +11449,10 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
     *value = decimal.negative ? -magnitude : magnitude;
     return 1;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_reader.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_reader: the bounded reader that all mesh formats share, and a stable sort. */
 
 #include <limits.h>
@@ -11671,8 +11749,10 @@ SBI_API void sbi_merge_sort(int *order, int *scratch, int count, sbi_before befo
     if (from != order)
         memcpy(order, from, (size_t)count * sizeof order[0]);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_loader.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_loader: kinds of cells and the loader that collects the nodes, cells and names of a file. */
 
 #include <limits.h>
@@ -12202,8 +12282,10 @@ SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const
     snprintf(message, sizeof message, "%s%s%s", first, format, second);
     return sbi_reader_fail(&place, SB_ERROR_UNSUPPORTED, "%s", message);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio: loading (file, format, checks, report) and the writers. */
 
 #include <float.h>
@@ -13111,8 +13193,10 @@ SB_API sb_result sb_mesh_save_ply(const char *path, const sb_mesh *mesh, sb_erro
     return sbi_export_close(&out, error);
 }
 #undef SBI_EXPORT_REAL_NAME
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_vtk.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_vtk: reads legacy VTK files, versions 2.0 to 5.1, ASCII and binary (which is always big-endian).
  * Source of the format: "VTK File Formats", The VTK User's Guide. Since 5.0 cells are lists of offsets and
  * of node indices; before, each cell's indices follow their count. */
@@ -13901,8 +13985,10 @@ SBI_API sb_result sbi_vtk_read(sbi_loader *loader)
     sbi_vtk_free_list(&vtk);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_split.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_split: volume cells of several kinds, or of kinds that are no elements of ours, cut into tets.
  *
  *        3-----2          A cell is cut by pulling its corner v of the lowest number: the faces without v are cut into
@@ -14348,8 +14434,10 @@ SBI_API sb_result sbi_split_cells(sbi_loader *loader, sb_mesh *mesh)
     sbi_free(&loader->allocator, split.diagonals);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_build.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_build: from the cells of a file to a mesh of one element type. */
 
 #include <limits.h>
@@ -14508,8 +14596,10 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     loader->node_count = loader->node_capacity = 0;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_sets.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_sets: the groups of a file's cells as sets of elements, faces and nodes of the mesh. */
 
 #include <limits.h>
@@ -14835,8 +14925,10 @@ SBI_API sb_result sbi_sets_make(const sbi_loader *loader, const sb_mesh *mesh, s
     sbi_free(&loader->allocator, maker.stamp);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_gmsh.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_gmsh: reads gmsh meshes, versions 1, 2.x, 3, 4.0 and 4.1, ASCII and binary of either byte order.
  * Source of the format: Gmsh Reference Manual, "MSH file format" and "Legacy formats"; version 3, which the manual does
  * not have, as gmsh 4.8 writes it.
@@ -15704,8 +15796,10 @@ SBI_API sb_result sbi_gmsh_read(sbi_loader *loader)
     sbi_free(&loader->allocator, gmsh.numbers);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_medit.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_medit: reads Medit's meshes (INRIA, also called GMF), .mesh in text and .meshb in binary of either byte order.
  * Source of the format: P. Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, and the numbers of
  * keywords of libMeshb 7. A file is a row of sections: keyword, count, that many rows of numbers, each with a reference
@@ -16006,8 +16100,10 @@ SBI_API sb_result sbi_medit_read(sbi_loader *loader)
         sbi_loader_ignore(loader, references);
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_inflate.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_inflate: unpacks zlib streams, as VTK's XML files have them, and gzip. Source: RFC 1950 (zlib), RFC 1951
  * (deflate), RFC 1952 (gzip).
  * The stream is untrusted: the output grows with what is really unpacked, never with what the stream claims. */
@@ -16398,8 +16494,10 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     *out_size = out_end;
     return NULL;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_xml.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_xml: the tags of an XML file, as far as mesh files need them. Source: "Extensible Markup Language (XML) 1.0",
  * without entities, document type definitions and CDATA sections. */
 
@@ -16582,8 +16680,10 @@ SBI_API int sbi_xml_attribute(const sbi_xml *xml, const char *name, sbi_word *va
         }
     return 0;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_vtu.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_vtu: reads VTK's XML files of unstructured grids (.vtu) and polygons (.vtp), serial, of any version: ASCII,
  * base64 inline, appended raw and base64, 32- and 64-bit headers, both byte orders, plain or packed by zlib.
  * Source of the format: "VTK File Formats" (docs.vtk.org), and what VTK and meshio write.
@@ -17452,8 +17552,10 @@ SBI_API sb_result sbi_vtu_read(sbi_loader *loader)
                                vtu.has_grid ? "</Piece>" : "a data set");
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_tetgen.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_tetgen: reads TetGen's .node and .ele files. Source of the format: TetGen manual, "File formats". */
 
 #include <limits.h>
@@ -17628,8 +17730,10 @@ SBI_API sb_result sbi_tetgen_read_elements(sbi_loader *loader, int64_t base)
     reader->element = -1;
     return result ? result : sbi_tetgen_end_file(reader);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/meshio_surface.c ==== */
+#if !defined(SB_NO_FILES)
 /* meshio_surface: reads OBJ, STL, PLY and OFF. Sources of the formats: Wavefront "Object Files (.obj)"; 3D
  * Systems "StereoLithography Interface Specification"; G. Turk, "The PLY Polygon File Format"; Geomview
  * manual, "OFF". */
@@ -18386,8 +18490,10 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
                                sbi_word_print(word, text));
     return result;
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image.c ==== */
+#if !defined(SB_NO_FILES)
 /* image: label images, their files as a whole, and how points find their voxels. */
 
 #include <limits.h>
@@ -18865,8 +18971,10 @@ SB_API int sb_image_label_at(const sb_image *image, sb_vec3 point)
     return sbi_image_lookup(image, &frame, point);
 }
 #undef SBI_IMAGE_LEAST_VOLUME
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/mesh/image_files.c ==== */
+#if !defined(SB_NO_FILES)
 /* image_files: the headers of MetaImage and NRRD. Sources: "MetaIO" (itk.org/Wiki/MetaIO/Documentation), "Definition of
  * NRRD File Format" (teem.sourceforge.net/nrrd/format.html). */
 
@@ -19258,8 +19366,10 @@ SBI_API sb_result sbi_nrrd_read(sbi_loader *loader, sbi_voxel_data *data)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends in its header");
     return result ? result : sbi_nrrd_finish(&nrrd, reader);
 }
+#endif /* !defined(SB_NO_FILES) */
 
 /* ==== src/softbody/geometry/labels.c ==== */
+#if !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY)
 /* labels: the surface round labels of an image, and the labels of a mesh's elements. */
 
 #include <limits.h>
@@ -19862,8 +19972,10 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
         mesh->regions[e] = sbi_label_of_element(image, &frame, mesh, e);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_FILES) && !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_tree.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_tree: what surface.c builds, surface_query.c searches and surface_check.c looks through. */
 #ifndef SBI_SURFACE_TREE_H
 #define SBI_SURFACE_TREE_H
@@ -20254,8 +20366,10 @@ SBI_API void sbi_surface_miss(sb_surface_hit *hit);
 SBI_API void sbi_surface_report(const sb_surface *s, int triangle, const sbi_surface_spot *spot, sb_surface_hit *hit);
 
 #endif /* SBI_SURFACE_TREE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface: a tree of boxes over triangles, and what is asked of it.
  *
  * Nodes of the tree have four children; a leaf holds up to four triangles. Both are kept as float, four side by side
@@ -21219,8 +21333,10 @@ SB_API void sb_surface_bounds(const sb_surface *surface, sb_vec3 *low, sb_vec3 *
     if (high)
         *high = surface ? surface->high : sb_v3(0, 0, 0);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_winding.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_winding: winding numbers of points, exact and by clusters. */
 
 /* ---- winding number ------------------------------------------------------------------------------------------ */
@@ -21345,8 +21461,10 @@ SB_API int sb_surface_inside(const sb_surface *surface, sb_vec3 point)
 {
     return sb_surface_winding_number(surface, point) >= (sb_real)0.5;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_query.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_query: closest points, signed distances; batches of all queries. */
 
 /* ---- the closest point of a triangle ------------------------------------------------------------------------- */
@@ -21979,8 +22097,10 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
     if (inside)
         sbi_surface_run_batch(&batch, sbi_surface_winding_task, jobs);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_ray.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_ray: triangles that a ray meets. */
 
 /* ---- rays ---------------------------------------------------------------------------------------------------- */
@@ -22224,8 +22344,10 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
     sbi_surface_beam_run(surface, &beam);
     return beam.count;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_crossing.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_crossing: pairs of triangles that pass through each other or overlap in a plane.
  *
  * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
@@ -22821,8 +22943,10 @@ SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator 
     sbi_free(allocator, mark);
     return list && mark;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/surface_check.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* surface_check: what is wrong with a surface, and what can be repaired. */
 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
@@ -23558,8 +23682,10 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
         *report = done;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_private: the state of a stuffing that its stages hand on. */
 #ifndef SBI_STUFFING_PRIVATE_H
 #define SBI_STUFFING_PRIVATE_H
@@ -23766,8 +23892,10 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
 SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
 
 #endif /* SBI_STUFFING_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_lattice.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_lattice: the lattice of points, sets of them, distances to the shapes, tasks over them. */
 
 /* ---- shapes ---- */
@@ -23928,8 +24056,10 @@ SBI_API sb_result sbi_stuffing_run(sbi_stuffing *s, sb_task task, int count)
         }
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_label.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_label: 1. the shape that each point of the lattice lies in. */
 
 /* ---- 1. labels ---- */
@@ -24076,8 +24206,10 @@ SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
     }
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_octree.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_octree: 2. cells merge away from changes of label; the tets between their centres and edges. */
 
 /* ---- 2. octree and tets ---- */
@@ -24408,8 +24540,10 @@ SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s)
     sbi_stuffing_place_points(s);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_warp.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_warp: 3. and 4. cuts of edges between labels, points moved onto them, a manifold boundary. */
 
 /* ---- 3. cuts ---- */
@@ -24904,8 +25038,10 @@ SBI_API void sbi_stuffing_place_zeros(sbi_stuffing *s)
             changed |= sbi_stuffing_relax_tet(s, s->tets + 4 * (size_t)t);
     }
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_cut.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_cut: 5. stencils: what is still cut falls into tets of one label each; the mesh of all. */
 
 /* ---- 5. stencils ---- */
@@ -25209,8 +25345,10 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh)
     sbi_free(&s->def->allocator, map);
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_boundary.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_boundary: 6. nodes slide along the surface, and edges are split, until the boundary is near enough. */
 
 /* ---- 6. the boundary ----
@@ -25589,8 +25727,10 @@ SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, con
     report->volume = sb_mesh_volume(mesh);
     sb_mesh_dihedral_range(mesh, &report->min_dihedral, &report->max_dihedral);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing_share.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing_share: how much of each shape a mesh keeps, and which cell would keep what is missing. */
 
 #include <stdio.h>
@@ -25941,8 +26081,10 @@ SBI_API sb_result sbi_stuffing_measure_shares(const sb_stuff_def *def, const sb_
     sbi_free(&def->allocator, share.samples);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/stuffing.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* stuffing: isosurface stuffing with several shapes and graded cells.
  *
  * Points of the lattice have integer coordinates in half cells: corners of cells are even triples, centres odd ones.
@@ -26217,6 +26359,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
         *report = found;
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
@@ -38233,6 +38376,7 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 }
 
 /* ==== src/softbody/geometry/grid_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_private: what the makers of a grid work on. */
 #ifndef SBI_GRID_PRIVATE_H
 #define SBI_GRID_PRIVATE_H
@@ -38365,8 +38509,10 @@ enum {
 enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
 
 #endif /* SBI_GRID_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_cell.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_cell: distances, and the octree in a cell that a surface cuts: what each region has of it. */
 
 /* ---- distances ---- */
@@ -38620,8 +38766,10 @@ SBI_API void sbi_grid_walk_cell(sbi_grid_walk *walk, const sbi_grid_candidate *c
                             candidate->inside);
     sbi_grid_descend(walk, &box, 0, -1);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_cut.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_cut: which cells are inside, which are cut, and which are kept. */
 
 /* ---- running tasks ---- */
@@ -38831,8 +38979,10 @@ SBI_API sb_result sbi_grid_number_cells(sbi_grid_work *work, int *cells, int *bo
         return sbi_fail(error, SB_ERROR_MESH, "no cell of the grid has anything of the body inside");
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_fill.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_fill: the meshes of the cells that are kept, and their points, weights and masses. */
 
 /* ---- meshes ---- */
@@ -39090,8 +39240,10 @@ SBI_API sb_result sbi_grid_build(sbi_grid_work *work, int *numbers, sb_error *er
         sbi_grid_sum_volumes(work);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid: a grid of bricks around a shape: its definition checked, laid out, made. */
 
 #define SBI_GRID_COOKIE 0x6e1du
@@ -39317,8 +39469,10 @@ SB_API sb_result sb_grid_create(const sb_grid_def *def, sb_grid *grid, sb_error 
         sb_grid_free(&made);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/grid_map.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* grid_map: points and surfaces in a grid as weights of its nodes. */
 
 /* ---- points of the body in the grid ---- */
@@ -39615,6 +39769,7 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
             *force = sb_v3_madd(*force, rows->areas[j] * mapping->weights[k], tractions[uniform ? 0 : j]);
         }
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/assembly.h ==== */
 /* assembly: loops over integration points (energy, internal force, tangent). Floor 2, internal.
@@ -42397,7 +42552,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -42424,6 +42579,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -42628,7 +42786,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;
@@ -43555,7 +43716,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -43566,14 +43727,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -43614,62 +43796,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -43683,6 +43893,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }
@@ -44818,20 +45045,19 @@ SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_it
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -44839,6 +45065,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -45231,7 +45462,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -45273,7 +45504,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
@@ -45810,6 +46041,7 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
 }
 
 /* ==== src/softbody/geometry/embed_search.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_search: where a point lies in a volume mesh: the closest element, and the way to it along smooth normals.
  * Internal to embed, floor 2. */
 #ifndef SB_EMBED_SEARCH_H
@@ -45913,8 +46145,10 @@ SBI_API const int *sbi_embed_face_row(const sbi_embed_volume *volume, int face);
 SBI_API void sbi_embed_gather(const sb_vec3 *from, const int *nodes, int count, sb_vec3 *to);
 
 #endif /* SB_EMBED_SEARCH_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_volume.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_volume: what queries of a volume mesh read: smooth normals, Morton order, a tree of boxes. */
 
 #include <string.h>
@@ -46248,8 +46482,10 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
         sbi_embed_volume_free(volume);
     return result;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_search.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_search: the closest point of an element, curved ones too, and the closest element. */
 
 #include <string.h>
@@ -46743,8 +46979,10 @@ SBI_API void sbi_embed_closest(const sbi_embed_volume *volume, sb_vec3 point, in
     }
     *hit = query.best;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_foot.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_foot: feet of points outside: x(r, s) + d n(r, s) of a boundary face and its smooth normal. */
 
 #include <string.h>
@@ -46971,8 +47209,10 @@ SBI_API int sbi_embed_foot_element(const sbi_embed_volume *volume, const sbi_emb
     }
     return element;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_private.h ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_private: an embedding, and what its update and its transpose share. */
 #ifndef SBI_EMBED_PRIVATE_H
 #define SBI_EMBED_PRIVATE_H
@@ -47173,8 +47413,10 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs);
 
 #endif /* SBI_EMBED_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_update.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_update: positions and normals of the points from those of the nodes, a group of points at a time. */
 
 /* ---- shape functions of SBI_EMBED_LANES points ---- */
@@ -47485,8 +47727,10 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
         sbi_run(jobs, sbi_embed_task_rings, &frame, sbi_embed_tasks(embedding->rings.rows, SBI_EMBED_TASK_RINGS));
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_forces.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed_forces: the transpose of an update: forces on points brought to the nodes. */
 
 /* ---- the transpose ---- */
@@ -47694,8 +47938,10 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_run(jobs, sbi_embed_task_touched, &frame, sbi_embed_tasks(embedding->touched_count, SBI_EMBED_TASK_NODES));
     return SB_OK;
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed.c ==== */
+#if !defined(SB_NO_GEOMETRY)
 /* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
 
 #define SBI_EMBED_COOKIE 0x73626d31u
@@ -48466,6 +48712,7 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows)
     sbi_free(&allocator, rows->weights);
     memset(rows, 0, sizeof *rows);
 }
+#endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/constraint.c ==== */
 /* constraint: equations of a body, ties, forces, and what steps ask of them. */
@@ -53658,7 +53905,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -53937,7 +54185,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)

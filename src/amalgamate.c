@@ -22,6 +22,8 @@
  *     folder NAME [LOWER...]  parts in the subfolder NAME may include parts of NAME and of the folders LOWER, which stand
  *                             above this line; parts beside the manifest may be included by all
  *     FILE                    a part, relative to the manifest's folder
+ *     FILE unless MACRO...    a part that a user leaves out by defining one of these macros: it stands inside
+ *                             #if !defined(MACRO), and a part that includes it must name the same macros
  *
  * Every part is copied as it is, with LF line ends and without its #include "..." lines; each of those must name
  * a part that stands higher up, in a folder that its own may include: so no room calls a higher floor. FILE... are the files found in the
@@ -33,7 +35,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PARTS = 256, MAX_NAME = 512, MAX_WORDS = 12, MAX_FOLDERS = 16 };
+enum { MAX_PARTS = 256, MAX_NAME = 512, MAX_WORDS = 12, MAX_FOLDERS = 16, MAX_SWITCHES = 4 };
 
 typedef struct text {
     char *data; /* ends with a zero */
@@ -48,6 +50,7 @@ typedef struct part {
     char path[MAX_NAME]; /* manifest's folder and file name */
     int folder;          /* subfolder, or -1: beside the manifest */
     int section;
+    char switches[MAX_SWITCHES][MAX_NAME]; /* macros that leave it out; the rest empty */
     text content;
 } part;
 
@@ -218,10 +221,14 @@ static int folder_of_part(const manifest *m, const char *name, int line)
     return folder;
 }
 
-static void add_part(manifest *m, const char *name, int section, int line)
+/* words: the file, and maybe `unless` and macros. */
+static void add_part(manifest *m, char **words, int count, int section, int line)
 {
+    const char *name = words[0];
     char path[MAX_NAME];
     join_path(path, m->folder, name);
+    if (count - 2 > MAX_SWITCHES)
+        fail("%s:%d: more than %d macros", m->path, line, MAX_SWITCHES);
     if (section < 0)
         fail("%s:%d: a part before the first section: %s", m->path, line, name);
     if (find_part(m, path) >= 0)
@@ -231,6 +238,8 @@ static void add_part(manifest *m, const char *name, int section, int line)
     strcpy(m->parts[m->part_count].path, path);
     m->parts[m->part_count].folder = folder_of_part(m, name, line);
     m->parts[m->part_count].section = section;
+    for (int i = 2; i < count; i++)
+        copy_name(m->parts[m->part_count].switches[i - 2], words[i]);
     m->part_count++;
 }
 
@@ -293,8 +302,8 @@ static int read_line(manifest *m, char *content, int section, int line)
         join_path(m->names_file, m->folder, words[1]);
         copy_name(m->names_real, words[2]);
         copy_name(m->names_api, words[3]);
-    } else if (count == 1)
-        add_part(m, words[0], section, line);
+    } else if (count == 1 || (count >= 3 && count <= MAX_WORDS && strcmp(words[1], "unless") == 0))
+        add_part(m, words, count, section, line);
     else
         fail("%s:%d: cannot be understood", m->path, line);
     return section;
@@ -437,6 +446,14 @@ static void resolve_include(char *path, const char *from, const char *name, size
     }
 }
 
+static int has_switch(const part *p, const char *name)
+{
+    for (int i = 0; i < MAX_SWITCHES; i++)
+        if (strcmp(p->switches[i], name) == 0)
+            return 1;
+    return 0;
+}
+
 /* A local #include must name a part above this one, in a folder that this one's may include; then it may go. */
 static void check_include(const manifest *m, int part_index, const char *name, size_t length, int line)
 {
@@ -454,6 +471,9 @@ static void check_include(const manifest *m, int part_index, const char *name, s
     if (p->folder >= 0 && m->parts[found].folder >= 0 && !m->folders[p->folder].may_include[m->parts[found].folder])
         fail("%s:%d: includes %.*s, but %s may not call %s", p->path, line, (int)length, name, m->folders[p->folder].name,
              m->folders[m->parts[found].folder].name);
+    for (int i = 0; i < MAX_SWITCHES && *m->parts[found].switches[i]; i++)
+        if (!has_switch(p, m->parts[found].switches[i]))
+            fail("%s:%d: includes %.*s, which %s leaves out", p->path, line, (int)length, name, m->parts[found].switches[i]);
 }
 
 /* The name inside #include "name", or NULL when the line is no such line. */
@@ -513,12 +533,22 @@ static int condition_change(const char *line)
     return strncmp(line, "if", 2) == 0 ? 1 : strncmp(line, "endif", 5) == 0 ? -1 : 0;
 }
 
+/* Opens (or closes) the condition that a part stands in, if it has one. */
+static void add_condition(text *to, const part *p, int opens)
+{
+    for (int i = 0; i < MAX_SWITCHES && *p->switches[i]; i++)
+        add_lines(to, "%s!defined(%s)", i > 0 ? " && " : opens ? "#if " : "#endif /* ", p->switches[i]);
+    if (*p->switches[0])
+        text_add(to, opens ? "\n" : " */\n");
+}
+
 /* Copies a part; of declarations that have an inside, the lines outside it to `to` and the others to `internal`. */
 static void add_part_text(text *to, text *internal, const manifest *m, int part_index)
 {
     const part *p = &m->parts[part_index];
     int line = 0, in_comment = 0, depth = 0; /* conditions open since an internal one */
     add_lines(to, "\n/* ==== %s ==== */\n", p->path);
+    add_condition(to, p, 1);
     for (const char *start = p->content.data, *end; *start; start = end + 1) {
         const char *name = in_comment ? NULL : local_include(start);
         int change = in_comment ? 0 : condition_change(start);
@@ -531,12 +561,16 @@ static void add_part_text(text *to, text *internal, const manifest *m, int part_
             depth += change;
             if (depth > 0)
                 text_append(internal, start, (size_t)(end - start) + 1);
+            else
+                add_condition(internal, p, 0);
         } else if (p->section == DECLARATIONS && opens_internal(m, start, (size_t)(end - start))) {
             depth = 1;
             add_lines(internal, "\n/* ==== %s, internal ==== */\n", p->path);
+            add_condition(internal, p, 1);
         } else
             text_append(to, start, (size_t)(end - start) + 1);
     }
+    add_condition(to, p, 0);
 }
 
 static void add_section(text *to, text *internal, const manifest *m, int section)

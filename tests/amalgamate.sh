@@ -73,6 +73,13 @@ fresh && mkdir -p src/room/low src/room/high && echo '#include "../high/h.h"' >s
 sed -i 's/^folder low/folder low high/' src/room/manifest.txt && run && grep -q 'src/room/low/l.c' product.h
 report $? "include of a folder that it may call"
 sed -i 's/^folder high/folder other/' src/room/manifest.txt && refuses "folder without a line" "high does not stand above"
+fresh && printf '%s\n' '#if defined(A_IMPLEMENTATION) || defined(A_SPLIT)' 'int inner;' '#endif' 'int outer;' >src/room/b.h &&
+    sed -i 's/^names /internal A_SPLIT\nnames /; s/^a.h/a.h\nb.h unless A_NO_B A_SMALL/' src/room/manifest.txt && run &&
+    [ "$(grep -A1 -B1 '^int [a-z]*er;' product.h | grep -v -- --)" = "$(printf '%s\n' '#if !defined(A_NO_B) && !defined(A_SMALL)' \
+        'int outer;' '#endif /* !defined(A_NO_B) && !defined(A_SMALL) */' '#if !defined(A_NO_B) && !defined(A_SMALL)' \
+        'int inner;' '#endif /* !defined(A_NO_B) && !defined(A_SMALL) */')" ]
+report $? "a part that macros leave out, and what is internal in it"
+echo '#include "b.h"' >>src/room/a.c && refuses "include of what may be left out" "includes b.h, which A_NO_B leaves out"
 fresh && sed -i 's/1.2.3//; s/_STRING ""/ 1/' src/room/a.h && refuses "no version" "no #define A_VERSION_STRING"
 fresh && rm LICENCE && refuses "no licence" "LICENCE: cannot be opened"
 fresh && echo 'section cellar' >>src/room/manifest.txt && refuses "unknown section" "manifest.txt:14: no such section"

@@ -62,6 +62,31 @@ for element in SB_TET4 SB_TET10 SB_HEX27 SB_CUSTOM; do
     links "SB_ELEMENT $element" declarations.o pinned.o
     rm -f "$folder/pinned.o"
 done
+
+# What a trainer may leave out: a body is made and stepped without it, and its public functions are gone.
+for left_out in "" -DSB_NO_FILES -DSB_NO_GEOMETRY "-DSB_NO_FILES -DSB_NO_GEOMETRY"; do
+    c switches.o tests/link/switches.c $left_out
+    links "made and stepped: ${left_out:-all}" switches.o
+    files=1 geometry=1
+    case $left_out in *FILES*) files=0 ;; esac
+    case $left_out in *GEOMETRY*) geometry=0 ;; esac
+    [ "$(nm "$folder/switches.o" | grep -c ' T sb_mesh_load$')$(nm "$folder/switches.o" | grep -c ' T sb_surface_create$')" = \
+        $files$geometry ]
+    report $? "left out: ${left_out:-nothing}"
+done
+c needle_alone.o tests/link/needle_alone.c -DSB_NO_FILES
+links "needle.h without files" needle_alone.o
+refuses() { # refuses HEADER MESSAGE FLAG...: the header stops the compiler and says why
+    header=$1 message=$2
+    shift 2
+    ! echo "#include \"$header\"" | "$gcc" -std=c99 $include "$@" -fsyntax-only -x c - 2>"$folder/message" &&
+        grep -q "#error.*$message" "$folder/message"
+    report $? "$header with $*"
+}
+refuses needle.h "needle.h needs the surfaces" -DSB_NO_GEOMETRY
+refuses register.h "register.h needs the surfaces and file readers" -DSB_NO_GEOMETRY
+refuses register.h "register.h needs the surfaces and file readers" -DSB_NO_FILES
+
 (cd "$folder" && "$gcc" declarations_float.o implementation.o -lm -o mismatch 2>/dev/null)
 report $((! $?)) "a float caller and a double object must not link"
 

@@ -607,6 +607,62 @@ static void test_bad_arguments(void)
     sb_body_destroy(NULL);
 }
 
+/* Calls on nodes take positions and name what is wrong with which node; the calls without an error do the same. */
+static void test_convention(void)
+{
+    sb_mesh mesh = scene_box(SB_TET10, 2, 2, 2, sb_v3(1, 1, 1), 0.2);
+    sb_body_def def = sb_default_body_def();
+    sb_body *body, *old;
+    sb_error error;
+    sb_step_info info;
+    sb_vec3 to[2], ways[2], push = sb_v3(1, 0, REAL(-2));
+    int nodes[2] = {3, 7}, far[2] = {3, 100000};
+    def.mesh = &mesh;
+    def.material = test_material(1);
+    body = scene_body(&def);
+    old = scene_body(&def);
+    scene_fix_boundary(body, &mesh);
+    scene_fix_boundary(old, &mesh);
+    for (int i = 0; i < 2; i++) {
+        ways[i] = sb_v3(REAL(0.01), REAL(0.02 * i), REAL(-0.01));
+        to[i] = sb_v3_add(sb_body_positions(body)[nodes[i]], ways[i]);
+    }
+    CHECK_OK(sb_body_place(body, nodes, 2, SB_X | SB_Z, to, &error));
+    CHECK_OK(sb_body_prescribe(old, nodes, 2, SB_X | SB_Z, ways, 0));
+    CHECK_OK(sb_body_step(body, REAL(0.01), &info));
+    CHECK_OK(sb_body_step(old, REAL(0.01), &info));
+    for (int i = 0; i < 2; i++) {
+        sb_vec3 x = sb_body_positions(body)[nodes[i]];
+        CHECK_NEAR(x.x, to[i].x, scene_tolerance(1e-15, 1));
+        CHECK_NEAR(x.z, to[i].z, scene_tolerance(1e-15, 1));
+    }
+    CHECK_NEAR(scene_distance(sb_body_positions(body), sb_body_positions(old), mesh.node_count), 0,
+               scene_tolerance(1e-12, 100));
+    CHECK_OK(sb_body_release(body, nodes, 2, SB_XYZ, &error));
+    CHECK(sb_body_supports(body)[3] == 0 && sb_body_supports(body)[7] == 0);
+    CHECK_OK(sb_body_hold(body, nodes, 1, SB_Y, NULL));
+    CHECK(sb_body_supports(body)[3] == SB_Y);
+    CHECK_OK(sb_body_apply_forces(body, nodes, 2, &push, 1, NULL));
+
+    CHECK_RESULT(sb_body_hold(body, far, 2, SB_XYZ, &error), SB_ERROR_INDEX);
+    CHECK(error.node == 100000 && strstr(error.message, "100000"));
+    CHECK(sb_body_supports(body)[3] == SB_Y);
+    CHECK_RESULT(sb_body_hold(body, nodes, 2, 9, &error), SB_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "axes"));
+    to[1].y = (sb_real)NAN;
+    CHECK_RESULT(sb_body_place(body, nodes, 2, SB_XYZ, to, &error), SB_ERROR_NOT_FINITE);
+    CHECK(error.node == 7 && sb_body_supports(body)[3] == SB_Y);
+    CHECK_RESULT(sb_body_place(body, nodes, 2, SB_XYZ, NULL, &error), SB_ERROR_ARGUMENT);
+    CHECK(strstr(error.message, "positions"));
+    CHECK_RESULT(sb_body_release(body, far + 1, 1, SB_XYZ, &error), SB_ERROR_INDEX);
+    CHECK_RESULT(sb_body_apply_forces(body, nodes, 2, to, 0, &error), SB_ERROR_NOT_FINITE);
+    CHECK(error.node == 7);
+    CHECK_RESULT(sb_body_apply_forces(NULL, nodes, 2, &push, 1, &error), SB_ERROR_ARGUMENT);
+    sb_body_destroy(body);
+    sb_body_destroy(old);
+    sb_mesh_free(&mesh);
+}
+
 static void test_unsupported(void)
 {
     /* a hinge leaves one rotation free; one more support removes it */
@@ -793,7 +849,7 @@ static void test_memory(void)
     }
 }
 
-CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"patch test with curved sides", test_patch_curved},
+CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"positions and errors", test_convention}, {"patch test with curved sides", test_patch_curved},
             {"manufactured solution orders", test_manufactured}, {"reactions balance loads", test_static_balance},
             {"quasi Newton", test_quasi_newton},
             {"traction and stress", test_traction_and_stress}, {"rigid motions cost nothing", test_rigid_motion_is_free},

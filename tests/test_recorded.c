@@ -88,6 +88,15 @@ static sb_result act_release(actor *a)
     int node = a->boundary.nodes[0];
     return sb_body_release_nodes(a->body, &node, 1, SB_XYZ);
 }
+static sb_result act_hold(actor *a) { return sb_body_hold(a->body, a->free_nodes, 2, SB_X, NULL); }
+static sb_result act_place(actor *a)
+{
+    sb_vec3 to[2];
+    for (int i = 0; i < 2; i++)
+        to[i] = sb_v3_add(sb_body_positions(a->body)[a->free_nodes[i]], sb_v3(0, REAL(0.001), 0));
+    return sb_body_place(a->body, a->free_nodes, 2, SB_Y, to, NULL);
+}
+static sb_result act_let_go(actor *a) { return sb_body_release(a->body, a->boundary.nodes, 1, SB_XYZ, NULL); }
 static sb_result act_displace(actor *a)
 {
     size_t count = (size_t)a->mesh.node_count;
@@ -156,6 +165,11 @@ static void first_face(const actor *a, int face[4])
         face[k] = a->boundary.nodes[surface->elements[k]];
 }
 
+static sb_result act_apply(actor *a)
+{
+    sb_vec3 force = sb_v3(0, REAL(0.01), 0);
+    return sb_body_apply_forces(a->body, a->free_nodes, 2, &force, 1, NULL);
+}
 static sb_result act_traction(actor *a)
 {
     int face[4];
@@ -435,6 +449,9 @@ static const act acts[] = {
     {"sb_body_fix_nodes", act_fix, ACTOR_PLAIN},
     {"sb_body_prescribe", act_prescribe, ACTOR_PLAIN},
     {"sb_body_release_nodes", act_release, ACTOR_LOADED},
+    {"sb_body_hold", act_hold, ACTOR_PLAIN},
+    {"sb_body_place", act_place, ACTOR_PLAIN},
+    {"sb_body_release", act_let_go, ACTOR_LOADED},
     {"sb_body_set_displacements", act_displace, ACTOR_LOADED},
     {"sb_body_set_velocities", act_velocities, ACTOR_LOADED},
     {"sb_body_reset", act_reset, ACTOR_LOADED},
@@ -443,6 +460,7 @@ static const act acts[] = {
     {"sb_body_multiply_tangent", act_multiply_tangent, ACTOR_LOADED},
     {"sb_body_nodal_rotations", act_rotations, ACTOR_LOADED},
     {"sb_body_add_forces", act_forces, ACTOR_LOADED},
+    {"sb_body_apply_forces", act_apply, ACTOR_LOADED},
     {"sb_body_add_traction", act_traction, ACTOR_LOADED},
     {"sb_body_clear_loads", act_clear, ACTOR_LOADED},
     {"sb_body_add_pressure", act_add_pressure, ACTOR_PLAIN},

@@ -15,6 +15,9 @@
     NDL_VERSION_PATCH != SB_VERSION_PATCH
 #error "needle.h and softbody.h are of different versions: take both from one release"
 #endif
+#if defined(SB_NO_GEOMETRY)
+#error "needle.h needs the surfaces of softbody.h: leave SB_NO_GEOMETRY undefined"
+#endif
 #if defined(NDL_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION)
 #error "needle.h: define NDL_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
 #endif

@@ -15,6 +15,9 @@
     REG_VERSION_PATCH != SB_VERSION_PATCH
 #error "register.h and softbody.h are of different versions: take both from one release"
 #endif
+#if defined(SB_NO_GEOMETRY) || defined(SB_NO_FILES)
+#error "register.h needs the surfaces and file readers of softbody.h: leave SB_NO_GEOMETRY and SB_NO_FILES undefined"
+#endif
 #if defined(REG_IMPLEMENTATION) && !defined(SB_IMPLEMENTATION)
 #error "register.h: define REG_IMPLEMENTATION in the file that defines SB_IMPLEMENTATION"
 #endif

@@ -197,6 +197,9 @@
 #define sb_body_set_gravity sb_body_set_gravity_f32
 #define sb_body_set_damping sb_body_set_damping_f32
 #define sb_body_set_solver sb_body_set_solver_f32
+#define sb_body_hold sb_body_hold_f32
+#define sb_body_place sb_body_place_f32
+#define sb_body_release sb_body_release_f32
 #define sb_body_fix_nodes sb_body_fix_nodes_f32
 #define sb_body_prescribe sb_body_prescribe_f32
 #define sb_body_release_nodes sb_body_release_nodes_f32
@@ -220,6 +223,7 @@
 #define sb_body_nodal_rotations sb_body_nodal_rotations_f32
 #define sb_body_check sb_body_check_f32
 #define sb_check_string sb_check_string_f32
+#define sb_body_apply_forces sb_body_apply_forces_f32
 #define sb_body_add_forces sb_body_add_forces_f32
 #define sb_body_add_traction sb_body_add_traction_f32
 #define sb_body_clear_loads sb_body_clear_loads_f32

@@ -28,6 +28,10 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
+ *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
+ *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
  *
  * WHAT IT DOES NOT DO
@@ -99,7 +103,7 @@
  *              the literature, or by sb_material_fit() from measurements. sb_material_with_fibres() and _with_prony()
  *              add fibres and relaxation.
  * sb_body      a mesh with materials, supports, loads and a state of motion. Created from a def, stepped, read.
- * supports     degrees of freedom that follow a target: sb_body_fix_nodes holds, sb_body_prescribe moves (a tool).
+ * supports     degrees of freedom that follow a target: sb_body_hold holds, sb_body_place moves (a tool).
  * loads        gravity, nodal forces, tractions: dead loads that stay until sb_body_clear_loads. Pressures, springs to
  *              moving points and mapped points drawn to targets follow the body and have ids.
  * constraints  linear equations among displacements, exact: sb_body_add_constraint; sb_body_tie_faces glues meshes.
@@ -108,6 +112,8 @@
  *
  * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check tells whether
  *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
+ *              regions of a mesh.
  * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
  *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
@@ -271,6 +277,36 @@
  *     sb_mesh_free(&drawn);
  *     ```
  *
+ * From a segmented scan to tets whose regions are its labels (1 liver, 2 tumour, say):
+ *
+ *     ```c fragment
+ *     sb_load_options options = sb_default_load_options();
+ *     sb_label_def labels = sb_default_label_def();
+ *     sb_image scan = {0};
+ *     sb_mesh outside = {0}, tets = {0};
+ *     sb_surface *skin = NULL;
+ *     sb_error error;
+ *     options.scale = (sb_real)0.001;                     // the file is in millimetres
+ *     labels.image = &scan;                               // all labels but 0
+ *     if (sb_image_load(&scan, "scan.nrrd", &options, &error) != SB_OK ||
+ *         sb_image_surface(&labels, &outside, NULL, &error) != SB_OK ||
+ *         sb_surface_create(&outside, NULL, &skin, &error) != SB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return 1;
+ *     }
+ *     sb_shape shape = {skin, NULL, NULL, 0, 0};
+ *     sb_stuff_def stuff = sb_default_stuff_def();
+ *     stuff.shapes = &shape;
+ *     stuff.shape_count = 1;
+ *     stuff.cell = (sb_real)0.01;                         // m
+ *     if (sb_mesh_stuff(&stuff, &tets, NULL, &error) != SB_OK || sb_image_set_regions(&scan, &tets, &error) != SB_OK)
+ *         return 1;
+ *     sb_surface_destroy(skin);
+ *     sb_mesh_free(&tets);
+ *     sb_mesh_free(&outside);
+ *     sb_image_free(&scan);
+ *     ```
+ *
  * ERRORS
  *
  * Calls that can fail return an sb_result: SB_OK (0) or a negative SB_ERROR_. They leave their outputs untouched
@@ -298,6 +334,6 @@
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, surface, stuffing, material, material_fit, sparse, domain, direct,
- * multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
+ * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */

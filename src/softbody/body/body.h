@@ -123,18 +123,26 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * A supported degree of freedom follows its target displacement (from the reference shape); a step moves it there
- * exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
+ * they set in space is a position (m), as for springs and needles.
+ *
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
  * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
+ * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
  * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
  * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
-/* Holds the given axes where the nodes are now. */
+/* Holds the axes where the nodes are now. */
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* Supports the axes; the next step takes them to positions[count] (m, in space). */
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error);
+/* Frees the axes; their velocity stays. */
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
+/* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
+ * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-/* Supports the axes and sets their targets: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
                                    const sb_vec3 *displacements, int uniform);
-/* Frees the axes; their velocity stays. */
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);

@@ -53,7 +53,7 @@ typedef enum sbi_command_code {
     SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
     SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
     SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: uniform; ints: nodes; reals: displacements */
+    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
     SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
     SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
     SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
@@ -80,6 +80,9 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
     SBI_COMMAND_COUNT
 } sbi_command_code;
+
+/* Of SBI_COMMAND_PRESCRIBE: one target for all; targets are positions, not displacements. */
+enum { SBI_PRESCRIBE_UNIFORM = 1, SBI_PRESCRIBE_POSITIONS = 2 };
 
 /* Arguments; ints and reals go on in the lists behind them, which are one with them for who hears of it later. */
 
@@ -284,7 +287,10 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
 /* position = reference + displacement */
 SBI_API void sbi_body_update_positions(sb_body *body);
 /* SB_ERROR_ARGUMENT for a NULL body or list, SB_ERROR_INDEX for a node that is not there. */
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count);
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error);
+/* One vector for each node, or for all: there, and finite. what: their name. */
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error);
 /* An element's face as a load sees it. */
 typedef struct sbi_body_face {
     sb_element_type type;

@@ -62,7 +62,7 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
     for (int k = 0; k < corners; k++)
-        if (sbi_body_check_nodes(body, face + k, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, face + k, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, face[k], "face %d has node %d, which is outside the mesh", f,
                                  face[k]);
     if (!sbi_body_find_face(body, face, corners, found))
@@ -73,14 +73,35 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 
 /* ---- supports ---- */
 
-SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count)
+SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return SB_ERROR_ARGUMENT;
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
+                                                                                         : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
+                                 body->domain.node_count);
     return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *nodes, int count, int uniform,
+                                         const char *what, sb_error *error)
+{
+    if (count > 0 && !vectors)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
+    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
+        if (!sb_v3_is_finite(vectors[i]))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
+                                 nodes[i]);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_axes(int axes, sb_error *error)
+{
+    return axes >= 0 && axes <= SB_XYZ
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_ARGUMENT, "axes is %d, no sum of SB_X, SB_Y and SB_Z", axes);
 }
 
 static int sbi_body_row_length(const sb_body *body, int node)
@@ -121,62 +142,90 @@ SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwi
                  axes & SB_Z ? value.z : otherwise.z);
 }
 
-/* Supports axes of the nodes with target targets[i * stride], or where they are now when targets is NULL. */
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *targets,
-                                  int stride)
+/* Where supports are told to go. */
+typedef struct sbi_support_targets {
+    const sb_vec3 *vectors; /* NULL: where the nodes are now */
+    int uniform;            /* 1: one for all */
+    int positions;          /* 1: positions (m), 0: displacements */
+} sbi_support_targets;
+
+static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_targets *targets, int node, int i)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
-    if (result != SB_OK)
+    sb_vec3 target;
+    if (!targets->vectors)
+        return body->displacement[node];
+    target = targets->vectors[targets->uniform ? 0 : i];
+    return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
+}
+
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+{
+    if (!targets->vectors)
+        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
+    else if (count > 0)
+        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
+}
+
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                                  sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
+    if (result != SB_OK || axes == 0)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
-    if (axes == 0)
-        return SB_OK;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return SB_ERROR_ARGUMENT;
-    result = sbi_body_reserve_supports(body, nodes, count);
-    for (int i = 0; i < count && result == SB_OK; i++) {
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
+                                 nodes[i]);
+    if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
+    for (int i = 0; i < count; i++) {
         int node = nodes[i];
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, targets ? targets[i * stride] : body->displacement[node],
+        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
                                                 body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
-    if (result == SB_OK && !targets)
-        sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
-    else if (result == SB_OK && count > 0)
-        sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes, stride == 0, nodes, (size_t)count, &targets[0].x,
-                      stride == 0 ? 3 : 3 * (size_t)count);
-    return result;
+    sbi_body_tell_supports(body, nodes, count, axes, targets);
+    return SB_OK;
 }
 
-SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+static sb_result sbi_body_send(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
+                               sb_error *error)
 {
-    return sbi_body_support(body, nodes, count, axes, NULL, 0);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(targets->vectors, nodes, count, targets->uniform,
+                                        targets->positions ? "positions" : "displacements", error);
+    return result == SB_OK && count > 0 ? sbi_body_support(body, nodes, count, axes, targets, error) : result;
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
 {
-    if (!body || count < 0 || (count > 0 && !displacements))
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(displacements[i]))
-            return SB_ERROR_NOT_FINITE;
-    return sbi_body_support(body, nodes, count, axes, displacements, uniform ? 0 : 1);
+    sbi_support_targets now = {NULL, 0, 0};
+    return sbi_body_support(body, nodes, count, axes, &now, error);
 }
 
-SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+SB_API sb_result sb_body_place(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *positions,
+                               sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sbi_support_targets targets = {positions, 0, 1};
+    return sbi_body_send(body, nodes, count, axes, &targets, error);
+}
+
+SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int axes, sb_error *error)
+{
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_axes(axes, error);
     if (result != SB_OK)
         return result;
-    if (axes < 0 || axes > SB_XYZ)
-        return SB_ERROR_ARGUMENT;
     if (body->elimination)
         body->guard.stable_step = 0;
     for (int i = 0; i < count; i++)
@@ -190,6 +239,23 @@ SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int coun
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_hold(body, nodes, count, axes, NULL);
+}
+
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
+                                   const sb_vec3 *displacements, int uniform)
+{
+    sbi_support_targets targets = {displacements, uniform, 0};
+    return sbi_body_send(body, nodes, count, axes, &targets, NULL);
+}
+
+SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes)
+{
+    return sb_body_release(body, nodes, count, axes, NULL);
 }
 
 SB_API const unsigned char *sb_body_supports(const sb_body *body) { return body ? body->fixed : NULL; }

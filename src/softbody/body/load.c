@@ -7,20 +7,19 @@
 
 /* ---- dead loads ---- */
 
-SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error)
 {
-    sb_result result = sbi_body_check_nodes(body, nodes, count);
+    sb_result result = sbi_body_check_nodes(body, nodes, count, error);
+    if (result == SB_OK)
+        result = sbi_body_check_vectors(forces, nodes, count, uniform, "forces", error);
     if (result != SB_OK)
         return result;
-    if (count > 0 && !forces)
-        return SB_ERROR_ARGUMENT;
-    for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
-        if (!sb_v3_is_finite(forces[i]))
-            return SB_ERROR_NOT_FINITE;
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return SB_ERROR_INDEX;
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
+                                 nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -28,6 +27,11 @@ SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, 
         sbi_body_tell(body, SBI_COMMAND_FORCES, 0, uniform != 0, nodes, (size_t)count, &forces[0].x,
                       uniform ? 3 : 3 * (size_t)count);
     return SB_OK;
+}
+
+SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform)
+{
+    return sb_body_apply_forces(body, nodes, count, forces, uniform, NULL);
 }
 
 SB_API void sb_body_clear_loads(sb_body *body)
@@ -420,7 +424,7 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     if (!body || !nodes || count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_springs needs a body and nodes");
     for (int i = 0; i < count; i++)
-        if (sbi_body_check_nodes(body, nodes + i, 1) != SB_OK)
+        if (sbi_body_check_nodes(body, nodes + i, 1, NULL) != SB_OK)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "spring %d names node %d of %d", i, nodes[i],
                                  body->domain.node_count);
         else if (body->node_component[nodes[i]] < 0)
@@ -462,7 +466,7 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, j, "row %d of the mapping is empty or descends", j);
     for (int j = 0; j < mapping->row_count; j++)
         for (int k = start[j]; k < start[j + 1]; k++) {
-            if (sbi_body_check_nodes(body, mapping->nodes + k, 1) != SB_OK)
+            if (sbi_body_check_nodes(body, mapping->nodes + k, 1, NULL) != SB_OK)
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)

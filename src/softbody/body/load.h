@@ -7,7 +7,10 @@
 /* ---- dead loads: stay as they are until cleared ---- */
 /* Adds forces[count] (N), or one for all when uniform is 1, to the nodes. SB_ERROR_NOT_FINITE; SB_ERROR_INDEX: a node
  * out of range, or a force other than 0 on a node of no element, which is held and would feel nothing. Nothing is added
- * then. */
+ * then, and error (NULL is fine) names the node. */
+SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform,
+                                      sb_error *error);
+/* The same without an error, as earlier versions had it. */
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */

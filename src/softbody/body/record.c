@@ -340,7 +340,8 @@ static sb_result sbi_play_fix(sb_body *body, const sbi_command *c, sb_error *err
 
 static sb_result sbi_play_prescribe(sb_body *body, const sbi_command *c, sb_error *error)
 {
-    (void)error;
+    if (c->b & SBI_PRESCRIBE_POSITIONS)
+        return sb_body_place(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), error);
     return sb_body_prescribe(body, c->ints, (int)c->int_count, c->a, sbi_record_vectors(c), c->b);
 }
 
@@ -619,7 +620,7 @@ static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule 
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
-        reals = c->b ? 3 : 3 * c->int_count;
+        reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
         reals = 3 * (size_t)recording->node_count;
     if (rule->reals == SBI_REALS_ANY)
