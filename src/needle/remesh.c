@@ -84,10 +84,19 @@ typedef struct ndli_node_move {
     sb_vec3 X;
 } ndli_node_move;
 
+/* A split that is undone: its node, and the corners that it was between. */
+typedef struct ndli_leaving {
+    int node, size, simplex[4];
+} ndli_leaving;
+
 struct ndl_remesh {
     ndl_remesh_def def;
     ndli_topology topology, *mesh; /* mesh: that topology */
     sb_body *body;
+    sb_result broken;      /* what the body refused to follow, or SB_OK */
+    sb_error broken_error;
+    ndli_leaving *leaving; /* nodes that the change under way takes out */
+    int leaving_count, leaving_capacity;
     ndli_needle *needles;
     int release_cursor;
     ndl_remesh_info info;
@@ -1225,6 +1234,102 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
     memcpy(needle->pool + needle->pool_count, r->groups, (size_t)(count * c->size) * sizeof(int));
     needle->pool_count += count * c->size;
     r->mesh->owner[node] = r->needle;
+}
+
+/* ---- the body follows ---- */
+
+/* What refers to a node that goes refers to the corners of the split that made it from then on. */
+static int ndli_remesh_heirs(const ndl_remesh *r, int node, int *heirs, sb_real *weights)
+{
+    for (int i = 0; i < r->leaving_count; i++)
+        if (r->leaving[i].node == node) {
+            const ndli_leaving *l = r->leaving + i;
+            for (int k = 0; k < l->size; k++) {
+                heirs[k] = l->simplex[k];
+                weights[k] = (sb_real)1 / (sb_real)l->size;
+            }
+            return l->size;
+        }
+    return 0;
+}
+
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int plan = 0;
+    for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
+        int event = c->node_events[i], slot = 0, heirs[4];
+        sb_real weights[4];
+        if (event < 0) {
+            int count = ndli_remesh_heirs(r, ~event, heirs, weights);
+            result = sb_body_change_remove_node(to, ~event, heirs, weights, count, error);
+            continue;
+        }
+        while (!c->nodes[plan].created)
+            plan++;
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
+                                         error);
+        SB_ASSERT(result != SB_OK || slot == event);
+        plan++;
+    }
+    for (int i = 0; i < c->node_count && result == SB_OK; i++)
+        if (!c->nodes[i].created)
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, error);
+    return result;
+}
+
+static sb_change_cell ndli_remesh_cell(const ndl_remesh *r, int tet, int parent)
+{
+    sb_change_cell cell = sb_default_change_cell();
+    cell.nodes = r->mesh->tets + 4 * (size_t)tet;
+    cell.parent = parent;
+    return cell;
+}
+
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
+        int event = c->tet_events[i], slot = 0;
+        if (event < 0) {
+            result = sb_body_change_remove_cell(to, ~event, error);
+        } else {
+            sb_change_cell cell = ndli_remesh_cell(r, event, r->mesh->parents[event]);
+            result = sb_body_change_add_cell(to, &cell, &slot, error);
+            SB_ASSERT(result != SB_OK || slot == event);
+        }
+    }
+    for (int i = 0; i < c->changed_count && result == SB_OK; i++) {
+        int tet = c->changed[i];
+        sb_change_cell cell = ndli_remesh_cell(r, tet, tet);
+        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0)
+            result = sb_body_change_replace_cell(to, tet, &cell, error);
+    }
+    return result;
+}
+
+/* Ends a change of the topology and makes the body's mesh follow. What the body refuses leaves the remesher broken: its
+ * caller takes the whole step back, or destroys it. */
+static void ndli_remesh_commit(ndl_remesh *r)
+{
+    ndli_topology_change change;
+    sb_body_change *to = NULL;
+    sb_result result;
+    ndli_topology_end(r->mesh, &change);
+    if (r->broken != SB_OK)
+        return;
+    result = sb_body_change_begin(r->body, &to, &r->broken_error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_nodes(r, &change, to, &r->broken_error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_tets(r, &change, to, &r->broken_error);
+    if (result == SB_OK)
+        result = sb_body_change_commit(to, &r->broken_error);
+    if (result != SB_OK)
+        sb_body_change_cancel(to);
+    r->broken = result;
+    r->leaving_count = 0;
+    r->mesh->x = sb_body_positions(r->body);
 }
 
 /* Does the best candidate; returns the node at X_new. */

@@ -31,7 +31,9 @@ static void ndli_topology_layout(ndli_topology *t, sbi_arena *arena, size_t node
     t->tet_mark = (unsigned char *)sbi_arena_take(arena, tets, 1);
     t->touched = (int *)sbi_arena_take(arena, tets, sizeof(int));
     t->affected = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    t->report = (int *)sbi_arena_take(arena, 2 * tets + nodes, sizeof(int));
+    t->node_events = (int *)sbi_arena_take(arena, 2 * nodes, sizeof(int));
+    t->tet_events = (int *)sbi_arena_take(arena, 2 * tets, sizeof(int));
+    t->changed = (int *)sbi_arena_take(arena, tets, sizeof(int));
     t->changes = (ndli_node_change *)sbi_arena_take(arena, nodes, sizeof(ndli_node_change));
 }
 
@@ -350,7 +352,7 @@ NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 
 
 /* ---- a change ---- */
 
-enum { NDLI_TOUCHED = 1, NDLI_WAS_ALIVE = 2, NDLI_RELINK = 4 };
+enum { NDLI_TOUCHED = 1, NDLI_WAS_ALIVE = 2, NDLI_RELINK = 4, NDLI_DROPPED = 8 };
 
 static void ndli_topology_affect(ndli_topology *t, int node, int was_alive)
 {
@@ -376,6 +378,7 @@ static void ndli_topology_touch(ndli_topology *t, int tet, int made, int relink)
 NDLI_API void ndli_topology_begin(ndli_topology *mesh)
 {
     mesh->touched_count = mesh->affected_count = mesh->change_count = 0;
+    mesh->node_event_count = mesh->tet_event_count = 0;
 }
 
 NDLI_API int ndli_topology_source(const ndli_topology *t, sb_vec3 X, int start, sb_real w[4])
@@ -430,6 +433,7 @@ static int ndli_topology_make_node(ndli_topology *t, sb_vec3 X)
     t->X[node] = t->X0[node] = X;
     t->owner[node] = t->node_star[node] = t->displaced_at[node] = -1;
     t->node_flags[node] = NDLI_NODE_ALIVE | NDLI_NODE_CREATED;
+    t->node_events[t->node_event_count++] = node;
     ndli_topology_affect(t, node, 0);
     return node;
 }
@@ -442,6 +446,7 @@ static void ndli_topology_drop_node(ndli_topology *t, int node)
     t->node_star[node] = t->free_node;
     t->free_node = node;
     t->node_count--;
+    t->node_events[t->node_event_count++] = ~node;
 }
 
 /* A copy of a tet with another node at one corner. */
@@ -457,6 +462,7 @@ static int ndli_topology_make_tet(ndli_topology *t, int pattern, int corner, int
         ndli_topology_join(t, 4 * tet + c, c == corner ? node : t->tets[4 * (size_t)pattern + (size_t)c]);
     t->regions[tet] = t->regions[pattern];
     t->parents[tet] = pattern;
+    t->tet_events[t->tet_event_count++] = tet;
     ndli_topology_touch(t, tet, 1, 1);
     return tet;
 }
@@ -470,6 +476,8 @@ static void ndli_topology_drop_tet(ndli_topology *t, int tet)
     t->neighbours[4 * (size_t)tet] = t->free_tet;
     t->free_tet = tet;
     t->tet_count--;
+    t->tet_mark[tet] |= NDLI_DROPPED;
+    t->tet_events[t->tet_event_count++] = ~tet;
 }
 
 static int ndli_topology_corner(const ndli_topology *t, int tet, int node)
@@ -547,27 +555,17 @@ NDLI_API void ndli_topology_move(ndli_topology *mesh, int plan)
 
 static void ndli_topology_report(ndli_topology *t, ndli_topology_change *change)
 {
-    int *changed = t->report, *other = t->report + t->tet_capacity, *nodes = t->report + 2 * (size_t)t->tet_capacity;
-    int removed = 0, created = 0;
     memset(change, 0, sizeof *change);
-    for (int i = 0; i < t->touched_count; i++) { /* removed from the front, created from the back: never meet */
-        int tet = t->touched[i], was = t->tet_mark[tet] & NDLI_WAS_ALIVE, is = t->tets[4 * (size_t)tet] >= 0;
-        if (was && is)
-            changed[change->changed_count++] = tet;
-        else if (was)
-            other[removed++] = tet;
-        else if (is)
-            other[t->tet_capacity - ++created] = tet;
+    for (int i = 0; i < t->touched_count; i++) {
+        int tet = t->touched[i];
+        if ((t->tet_mark[tet] & (NDLI_WAS_ALIVE | NDLI_DROPPED)) == NDLI_WAS_ALIVE)
+            t->changed[change->changed_count++] = tet;
     }
-    for (int i = 0; i < t->affected_count; i++)
-        if (!t->node_flags[t->affected[i]] && (t->node_mark[t->affected[i]] & NDLI_WAS_ALIVE))
-            nodes[change->removed_node_count++] = t->affected[i];
-    change->changed = changed;
-    change->removed = other;
-    change->created = other + t->tet_capacity - created;
-    change->removed_count = removed;
-    change->created_count = created;
-    change->removed_nodes = nodes;
+    change->changed = t->changed;
+    change->node_events = t->node_events;
+    change->tet_events = t->tet_events;
+    change->node_event_count = t->node_event_count;
+    change->tet_event_count = t->tet_event_count;
     change->nodes = t->changes;
     change->node_count = t->change_count;
 }

@@ -28,14 +28,14 @@ typedef struct ndli_node_change {
     sb_vec3 X; /* its material position (m) */
 } ndli_node_change;
 
-/* What one change did. A slot that was in use before and is now is `changed`, whether its nodes differ or only its shape.
- * Valid until the next change. */
+/* What one change did, in the order in which it was done: slots are given and taken in that order. Valid until the next
+ * change. */
 typedef struct ndli_topology_change {
-    const int *removed, *created, *changed; /* tet slots */
-    int removed_count, created_count, changed_count;
-    const int *removed_nodes; /* slots not in use any more */
-    int removed_node_count;
-    const ndli_node_change *nodes;
+    const int *node_events, *tet_events; /* a slot that came into use, or ~slot of one that went */
+    int node_event_count, tet_event_count;
+    const int *changed; /* tets that stay in their slots with other nodes or, where a node moved, another shape */
+    int changed_count;
+    const ndli_node_change *nodes; /* in the order of the nodes that came, moved ones between them */
     int node_count;
 } ndli_topology_change;
 
@@ -79,7 +79,9 @@ typedef struct ndli_topology {
     int *node_index; /* a remesher's scratch, zeros between its calls */
     unsigned char *tet_mark, *node_mark;
     int *touched, touched_count, *affected, affected_count;
-    int *report; /* [2 tet_capacity + node_capacity] lists of the change */
+    int *node_events, node_event_count; /* [node_capacity] */
+    int *tet_events, tet_event_count;   /* [2 tet_capacity] */
+    int *changed;                       /* [tet_capacity] */
     ndli_node_change *changes;
     int change_count;
     void *block;
