@@ -1526,12 +1526,19 @@ NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
 
 /* ==== src/needle/remesh.h, internal ==== */
 #define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
-/* ndl_remesh_puncture with another entry_slip than the remesher's. */
+/* ndl_remesh_puncture with another entry_slip than the remesher's, and the way (material direction of any length) that
+ * the needle will take from there; 0: straight into the skin. */
 NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
-                                               ndl_remesh_info *info, sb_error *error);
-/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
- * also when tets about it would be worse than `enough` and than they are. */
-NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                               sb_vec3 way, ndl_remesh_info *info, sb_error *error);
+/* Places for the first node below the entry: from (exclusive) the entry to a point deeper in. A place is good where tets
+ * about it are no worse than `good` or than they were, and good enough with `enough`; m, quality. */
+typedef struct ndli_first_places {
+    sb_vec3 from, to;
+    sb_real good, enough;
+} ndli_first_places;
+/* Gives a tip that is at its entry a node in one operation, at the deepest good place; if none is, at the best of them.
+ * SB_ERROR_MESH, with nothing changed, when that is not even good enough. */
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, const ndli_first_places *places,
                                          ndl_remesh_info *info);
 
 /* ==== src/needle/state.h, internal ==== */
@@ -5778,6 +5785,7 @@ typedef struct ndli_candidate {
     int slid, slid_moves; /* node that may slide along, or -1 */
     sb_vec3 X, slid_X;
     ndli_qualities created, removed;
+    sb_real next; /* of an entry: least quality that the first node below it will bring; else SB_REAL_MAX */
 } ndli_candidate;
 
 /* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
@@ -5819,7 +5827,6 @@ struct ndl_remesh {
     int move_count;
     sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
     sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups;
@@ -6470,6 +6477,7 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
     sb_vec3 to = t->X;
     t->slid = -1;
     t->slid_moves = 0;
+    t->next = SB_REAL_MAX;
     if (!ndli_remesh_is_legal(r, patch, move))
         return;
     t->slid = ndli_remesh_slider(r, move, &to);
@@ -6797,20 +6805,25 @@ static void ndli_remesh_smooth(ndl_remesh *r)
     }
 }
 
-/* The draft's lowest qualities, ascending. */
-static void ndli_remesh_rate(ndl_remesh *r)
+static void ndli_remesh_rate_one(sb_real *low, sb_real quality)
+{
+    int at = NDLI_RATED - 1;
+    if (!(quality < low[at]))
+        return;
+    for (; at > 0 && low[at - 1] > quality; at--)
+        low[at] = low[at - 1];
+    low[at] = quality;
+}
+
+/* The lowest qualities, ascending, of the draft and of what the candidate will bring next. */
+static void ndli_remesh_rate(ndl_remesh *r, const ndli_candidate *c)
 {
     sb_real *low = r->rating;
     for (int i = 0; i < NDLI_RATED; i++)
         low[i] = SB_REAL_MAX;
-    for (int t = 0; t < r->draft.tet_count; t++) {
-        int at = NDLI_RATED - 1;
-        if (!(r->draft.qualities[t] < low[at]))
-            continue;
-        for (; at > 0 && low[at - 1] > r->draft.qualities[t]; at--)
-            low[at] = low[at - 1];
-        low[at] = r->draft.qualities[t];
-    }
+    for (int t = 0; t < r->draft.tet_count; t++)
+        ndli_remesh_rate_one(low, r->draft.qualities[t]);
+    ndli_remesh_rate_one(low, c->next);
 }
 
 static int ndli_remesh_rates_better(const ndl_remesh *r)
@@ -6873,9 +6886,9 @@ static void ndli_remesh_keep_moves(ndl_remesh *r, const ndli_candidate *c)
         }
 }
 
-static sb_real ndli_remesh_core_least(const ndl_remesh *r)
+static sb_real ndli_remesh_core_least(const ndl_remesh *r, const ndli_candidate *c)
 {
-    sb_real least = SB_REAL_MAX;
+    sb_real least = c->next;
     for (int t = 0; t < r->draft.core_count; t++)
         least = sb_min(least, r->draft.qualities[t]);
     return least;
@@ -6892,13 +6905,13 @@ static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real en
         ndli_candidate *c = r->final + i;
         ndli_remesh_make_draft(r, c);
         ndli_remesh_smooth(r);
-        ndli_remesh_rate(r);
-        done = ndli_remesh_core_least(r) >= enough;
+        ndli_remesh_rate(r, c);
+        done = ndli_remesh_core_least(r, c) >= enough;
         if (i > 0 && !ndli_remesh_rates_better(r))
             continue;
         winner = i;
         memcpy(r->best_rating, r->rating, NDLI_RATED * sizeof(sb_real));
-        r->outcome = ndli_remesh_core_least(r);
+        r->outcome = ndli_remesh_core_least(r, c);
         for (int k = 0; k < r->draft.moved_count; k++) /* a freed tip may slide first and be smoothed then */
             if (c->slid_moves && r->table[r->draft.moved[k]] == c->slid)
                 c->slid_X = r->draft.X[r->draft.moved[k]];
@@ -7147,18 +7160,18 @@ static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
     return ndli_remesh_decide(r, holders, sb_min(r->before, r->def.smooth_below));
 }
 
-/* Takes the tip to X, which tet `start` holds. */
-static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
+/* Leaves the best operation that takes the tip to X, which tet `start` holds, first among the finalists, with what has to
+ * make way for it. Nothing changes yet. */
+static sb_result ndli_remesh_choose(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
 {
-    ndli_needle *needle = r->needles + r->needle;
-    int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
-    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    const ndli_needle *needle = r->needles + r->needle;
+    int holders[2][4], *holder = holders[0], *undone_holder = holders[1], can_undo;
     memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
     if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
     r->conflict = -1;
-    ndli_remesh_try_snap_tip(r, tip, X);
+    ndli_remesh_try_snap_tip(r, ndli_remesh_from_tip(needle, 0), X);
     if (penetrates)
         ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
@@ -7169,8 +7182,17 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
-    if (r->outcome < sb_min(r->before, r->enough))
-        return ndli_remesh_fail_operation(r, error);
+    return SB_OK;
+}
+
+/* Takes the tip to X, which tet `start` holds. */
+static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
+{
+    ndli_needle *needle = r->needles + r->needle;
+    int tip = ndli_remesh_from_tip(needle, 0), node;
+    sb_result result = ndli_remesh_choose(r, X, start, penetrates, error);
+    if (result != SB_OK)
+        return result;
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
@@ -7195,7 +7217,6 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
                         is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
-    r->enough = 0;
     memset(&r->info, 0, sizeof r->info);
     r->info.worst_quality = 1;
     if (info)
@@ -7269,17 +7290,32 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
     return result;
 }
 
-NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, const ndli_first_places *places,
                                          ndl_remesh_info *info)
 {
     const ndl_tissue_mesh *mesh = remesh->mesh;
+    sb_real best = -1;
+    sb_vec3 X = places->from;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
-    int tip, tet;
+    int start, tet = -1, done = 0;
     if (result != SB_OK)
         return result;
-    tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
-    remesh->enough = enough;
+    start = mesh->node_star[ndli_remesh_from_tip(remesh->needles + needle, 0)] / 4;
+    for (int eighths = 8; eighths > 3 && !done; eighths--) {
+        sb_vec3 at = sb_v3_madd(places->from, (sb_real)eighths / 8, sb_v3_sub(places->to, places->from));
+        int holder = ndl_tissue_mesh_find(mesh, mesh->X, at, start, NULL);
+        sb_result tried = holder < 0 ? SB_ERROR_MESH : ndli_remesh_choose(remesh, at, holder, 1, NULL);
+        if (tried == SB_ERROR_MESH)
+            continue;
+        if (tried != SB_OK)
+            return tried;
+        done = remesh->outcome >= sb_min(remesh->before, places->good);
+        if (remesh->outcome > best) {
+            best = remesh->outcome;
+            X = at;
+            tet = remesh->outcome >= sb_min(remesh->before, places->enough) ? holder : -1;
+        }
+    }
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
         *info = remesh->info;
@@ -7337,7 +7373,31 @@ static int ndli_remesh_keeps_skin(const ndl_remesh *r)
     return 1;
 }
 
-static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X)
+/* Least quality of the tets that stand on the skin about the trial's entry once the first node below it is there. They
+ * cannot make way: skin, entry and needle stay where they are, so an entry beside an edge makes them flat for good. */
+static sb_real ndli_remesh_next_least(ndl_remesh *r, sb_vec3 below)
+{
+    const ndli_candidate *t = &r->trial;
+    sb_real least = SB_REAL_MAX;
+    for (int i = 0; i < r->here.count; i++) {
+        const ndli_patch_tet *tet = r->here.tets + i;
+        if (!ndli_remesh_holds(tet->nodes, t->simplex, t->size))
+            continue;
+        for (int c = 0; c < 4; c++)
+            for (int j = 0; j < t->size && (tet->skin >> c & 1); j++) {
+                sb_vec3 p[4];
+                if (tet->nodes[c] == t->simplex[j])
+                    continue;
+                for (int k = 0; k < 4; k++)
+                    p[k] = k == c ? below : tet->nodes[k] == t->simplex[j] ? t->X : r->mesh->X[tet->nodes[k]];
+                least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+            }
+    }
+    return least;
+}
+
+/* inward: from an entry to the first node below it, about (m). */
+static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X, sb_vec3 inward)
 {
     ndli_candidate *t = &r->trial;
     memcpy(t->simplex, simplex, (size_t)size * sizeof(int));
@@ -7351,13 +7411,16 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     if (!ndli_remesh_keeps_skin(r))
         return;
     r->info.candidates++;
-    if (!ndli_remesh_collect(r, &r->here) || ndli_remesh_is_lost(r))
+    if (!ndli_remesh_collect(r, &r->here))
         return;
-    ndli_remesh_rank(r);
+    t->next = ndli_remesh_next_least(r, sb_v3_add(X, inward));
+    ndli_remesh_push(&t->created, t->next);
+    if (!ndli_remesh_is_lost(r))
+        ndli_remesh_rank(r);
 }
 
 /* Nodes and edges of the face not further than `reach` from X, with the entry on them. */
-static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X, sb_real reach)
+static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X, sb_real reach, sb_vec3 inward)
 {
     for (int i = 0; i < 3; i++) {
         int edge[2];
@@ -7369,14 +7432,30 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
         s = sb_v3_dot(sb_v3_sub(X, a), along) / sb_v3_dot(along, along);
         foot = sb_v3_madd(a, s, along);
         if (s > 0 && s < 1 && sb_v3_norm(sb_v3_sub(X, foot)) <= reach)
-            ndli_remesh_try_entry(r, edge, 2, foot);
+            ndli_remesh_try_entry(r, edge, 2, foot, inward);
         if (sb_v3_norm(sb_v3_sub(X, a)) <= reach)
-            ndli_remesh_try_entry(r, face + i, 1, a);
+            ndli_remesh_try_entry(r, face + i, 1, a, inward);
     }
 }
 
+/* From an entry on a skin face to a needle's first node below it, about: a third of the face's mean edge along `way`, or
+ * straight into the tet when that is 0 or leads out of it. (The needle gets that node when it is half an edge deep, but has
+ * pushed the tissue ahead of it by then.) */
+static sb_vec3 ndli_remesh_inward(const ndl_remesh *r, const int face[3], sb_vec3 inner, sb_vec3 way)
+{
+    const sb_vec3 *X = r->mesh->X;
+    sb_vec3 a = sb_v3_sub(X[face[1]], X[face[0]]), b = sb_v3_sub(X[face[2]], X[face[0]]), n = sb_v3_cross(a, b);
+    sb_real mean = (sb_v3_norm(a) + sb_v3_norm(b) + sb_v3_norm(sb_v3_sub(a, b))) / 3;
+    if (sb_v3_dot(n, sb_v3_sub(inner, X[face[0]])) < 0)
+        n = sb_v3_scale(-1, n);
+    if (!(sb_v3_dot(n, way) > 0))
+        way = n;
+    return sb_v3_scale(mean / (3 * sb_v3_norm(way)), way);
+}
+
 /* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
-static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip)
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip,
+                                   sb_vec3 inward)
 {
     int holders[2][4];
     sb_real longest = 0;
@@ -7387,7 +7466,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
         for (int c = 0; c < 3; c++)
             if (set >> c & 1)
                 simplex[size++] = face[c];
-        ndli_remesh_try_entry(r, simplex, size, X);
+        ndli_remesh_try_entry(r, simplex, size, X, inward);
     }
     if (r->final_count && !ndli_remesh_make_way(r, (const int(*)[4])holders))
         return 0;
@@ -7396,7 +7475,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
     if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
         return 1;
     r->here.count = r->core_count; /* making way has widened it */
-    ndli_remesh_try_slipped(r, face, X, slip * longest);
+    ndli_remesh_try_slipped(r, face, X, slip * longest, inward);
     return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
@@ -7416,7 +7495,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
     return SB_OK;
 }
 
-static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
+static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_vec3 way,
+                                         sb_error *error)
 {
     int holder[4], face[3], k = 0, good = 1, node;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
@@ -7431,7 +7511,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip))
+    way = ndli_remesh_inward(r, face, r->mesh->X[holder[hit->face]], way);
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip, way))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
@@ -7450,13 +7531,13 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
 }
 
 NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
-                                               ndl_remesh_info *info, sb_error *error)
+                                               sb_vec3 way, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, 0, info, error);
     if (result == SB_OK)
         result = ndli_remesh_check_hit(remesh, hit, error);
     if (result == SB_OK)
-        result = ndli_remesh_do_puncture(remesh, hit, slip, error);
+        result = ndli_remesh_do_puncture(remesh, hit, slip, way, error);
     if (result == SB_OK && info)
         *info = remesh->info;
     return result;
@@ -7465,7 +7546,8 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, sb_v3(0, 0, 0), info,
+                                       error);
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
@@ -14304,22 +14386,38 @@ static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *
     return result;
 }
 
+/* Punctures the skin at the hit by a needle of that heading, which the tissue's deformation there turns in the material. */
+static sb_result ndli_tip_puncture(ndl_needle *needle, const ndl_surface_hit *hit, ndl_remesh_info *done, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    sb_mat3 f = ndli_tip_gradient(mesh, mesh->tets[4 * (size_t)hit->tet + (size_t)(hit->face ? 0 : 1)]);
+    sb_vec3 way = sb_v3(0, 0, 0);
+    if (sb_m3_det(f) > 0) {
+        f = sb_m3_inverse(f);
+        way = ndli_to(ndli_tip_mapped(&f, rod->tangent[rod->node_count - 2]));
+    }
+    return ndli_remesh_puncture_within(needle->tissue->site->remesh, needle->index, hit, needle->entry_slip, way, done,
+                                       error);
+}
+
 static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(
-        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
+    return ndli_tip_judge(needle, ndli_tip_puncture(needle, &hit, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
 static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
 static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+
+/* Quality that tets about a tip near the skin should have: the worst ones of stuffed meshes have about that. */
+#define NDLI_TIP_QUALITY ((sb_real)0.3)
 
 /* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
  * looks there. */
@@ -14348,15 +14446,12 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
 static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
 {
     double share = depth / ndli_tip_deep(needle);
-    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
-    sb_result result = SB_ERROR_MESH;
-    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
-        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
-        result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
-    }
-    return result;
+    ndli_first_places places;
+    places.from = needle->tissue->mesh.X[needle->path[0]];
+    places.to = X;
+    places.good = NDLI_TIP_QUALITY;
+    places.enough = share < 2 ? (sb_real)(2 - share) * NDLI_TIP_QUALITY : 0;
+    return ndli_remesh_put_first(needle->tissue->site->remesh, needle->index, &places, done);
 }
 
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
@@ -14396,8 +14491,9 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     return ndli_tip_judge(needle, result, &own, error);
 }
 
-/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
-static void ndli_tip_make_shallow(ndl_needle *needle)
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. Where the tets between
+ * tip and skin get flat it does so a little earlier. */
+static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
@@ -14405,16 +14501,16 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     int first = needle->line.first, count;
     const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
     double back = needle->tissue->site->mean_edge;
+    double depth = count < 2 ? back : (double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]]));
     sb_vec3 entry;
     ndl_surface_hit hit;
-    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
-                       ndli_tip_shallow(needle)))
+    if (!(depth < ndli_tip_shallow(needle)) && !(depth < ndli_tip_deep(needle) && quality < NDLI_TIP_QUALITY))
         return;
     entry = mesh->x[path[0]];
     ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
     if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
-        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
+        (void)ndli_tip_puncture(needle, &hit, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
@@ -14428,7 +14524,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
     ndli_tip_take_heading(needle);
-    ndli_tip_make_shallow(needle);
+    ndli_tip_make_shallow(needle, done->worst_quality);
     return SB_OK;
 }
 

@@ -124,22 +124,38 @@ static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *
     return result;
 }
 
+/* Punctures the skin at the hit by a needle of that heading, which the tissue's deformation there turns in the material. */
+static sb_result ndli_tip_puncture(ndl_needle *needle, const ndl_surface_hit *hit, ndl_remesh_info *done, sb_error *error)
+{
+    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndl_rod *rod = needle->rod;
+    sb_mat3 f = ndli_tip_gradient(mesh, mesh->tets[4 * (size_t)hit->tet + (size_t)(hit->face ? 0 : 1)]);
+    sb_vec3 way = sb_v3(0, 0, 0);
+    if (sb_m3_det(f) > 0) {
+        f = sb_m3_inverse(f);
+        way = ndli_to(ndli_tip_mapped(&f, rod->tangent[rod->node_count - 2]));
+    }
+    return ndli_remesh_puncture_within(needle->tissue->site->remesh, needle->index, hit, needle->entry_slip, way, done,
+                                       error);
+}
+
 static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
     if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
-    return ndli_tip_judge(
-        needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
+    return ndli_tip_judge(needle, ndli_tip_puncture(needle, &hit, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
 static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
 static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+
+/* Quality that tets about a tip near the skin should have: the worst ones of stuffed meshes have about that. */
+#define NDLI_TIP_QUALITY ((sb_real)0.3)
 
 /* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
  * looks there. */
@@ -168,15 +184,12 @@ static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *
 static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_remesh_info *done)
 {
     double share = depth / ndli_tip_deep(needle);
-    sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
-    sb_result result = SB_ERROR_MESH;
-    for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
-        sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
-        result = ndli_remesh_put_first(remesh, needle->index, to, enough, done);
-    }
-    return result;
+    ndli_first_places places;
+    places.from = needle->tissue->mesh.X[needle->path[0]];
+    places.to = X;
+    places.good = NDLI_TIP_QUALITY;
+    places.enough = share < 2 ? (sb_real)(2 - share) * NDLI_TIP_QUALITY : 0;
+    return ndli_remesh_put_first(needle->tissue->site->remesh, needle->index, &places, done);
 }
 
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
@@ -216,8 +229,9 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     return ndli_tip_judge(needle, result, &own, error);
 }
 
-/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
-static void ndli_tip_make_shallow(ndl_needle *needle)
+/* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. Where the tets between
+ * tip and skin get flat it does so a little earlier. */
+static void ndli_tip_make_shallow(ndl_needle *needle, sb_real quality)
 {
     ndl_remesh *remesh = needle->tissue->site->remesh;
     const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
@@ -225,16 +239,16 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     int first = needle->line.first, count;
     const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
     double back = needle->tissue->site->mean_edge;
+    double depth = count < 2 ? back : (double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]]));
     sb_vec3 entry;
     ndl_surface_hit hit;
-    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
-                       ndli_tip_shallow(needle)))
+    if (!(depth < ndli_tip_shallow(needle)) && !(depth < ndli_tip_deep(needle) && quality < NDLI_TIP_QUALITY))
         return;
     entry = mesh->x[path[0]];
     ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
     if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
-        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
+        (void)ndli_tip_puncture(needle, &hit, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
@@ -248,7 +262,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
     if (result != SB_OK && !inside)
         return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
     ndli_tip_take_heading(needle);
-    ndli_tip_make_shallow(needle);
+    ndli_tip_make_shallow(needle, done->worst_quality);
     return SB_OK;
 }
 

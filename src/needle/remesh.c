@@ -65,6 +65,7 @@ typedef struct ndli_candidate {
     int slid, slid_moves; /* node that may slide along, or -1 */
     sb_vec3 X, slid_X;
     ndli_qualities created, removed;
+    sb_real next; /* of an entry: least quality that the first node below it will bring; else SB_REAL_MAX */
 } ndli_candidate;
 
 /* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
@@ -106,7 +107,6 @@ struct ndl_remesh {
     int move_count;
     sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
     sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups;
@@ -757,6 +757,7 @@ static void ndli_remesh_try(ndl_remesh *r, const ndli_patch *patch, ndli_move mo
     sb_vec3 to = t->X;
     t->slid = -1;
     t->slid_moves = 0;
+    t->next = SB_REAL_MAX;
     if (!ndli_remesh_is_legal(r, patch, move))
         return;
     t->slid = ndli_remesh_slider(r, move, &to);
@@ -1084,20 +1085,25 @@ static void ndli_remesh_smooth(ndl_remesh *r)
     }
 }
 
-/* The draft's lowest qualities, ascending. */
-static void ndli_remesh_rate(ndl_remesh *r)
+static void ndli_remesh_rate_one(sb_real *low, sb_real quality)
+{
+    int at = NDLI_RATED - 1;
+    if (!(quality < low[at]))
+        return;
+    for (; at > 0 && low[at - 1] > quality; at--)
+        low[at] = low[at - 1];
+    low[at] = quality;
+}
+
+/* The lowest qualities, ascending, of the draft and of what the candidate will bring next. */
+static void ndli_remesh_rate(ndl_remesh *r, const ndli_candidate *c)
 {
     sb_real *low = r->rating;
     for (int i = 0; i < NDLI_RATED; i++)
         low[i] = SB_REAL_MAX;
-    for (int t = 0; t < r->draft.tet_count; t++) {
-        int at = NDLI_RATED - 1;
-        if (!(r->draft.qualities[t] < low[at]))
-            continue;
-        for (; at > 0 && low[at - 1] > r->draft.qualities[t]; at--)
-            low[at] = low[at - 1];
-        low[at] = r->draft.qualities[t];
-    }
+    for (int t = 0; t < r->draft.tet_count; t++)
+        ndli_remesh_rate_one(low, r->draft.qualities[t]);
+    ndli_remesh_rate_one(low, c->next);
 }
 
 static int ndli_remesh_rates_better(const ndl_remesh *r)
@@ -1160,9 +1166,9 @@ static void ndli_remesh_keep_moves(ndl_remesh *r, const ndli_candidate *c)
         }
 }
 
-static sb_real ndli_remesh_core_least(const ndl_remesh *r)
+static sb_real ndli_remesh_core_least(const ndl_remesh *r, const ndli_candidate *c)
 {
-    sb_real least = SB_REAL_MAX;
+    sb_real least = c->next;
     for (int t = 0; t < r->draft.core_count; t++)
         least = sb_min(least, r->draft.qualities[t]);
     return least;
@@ -1179,13 +1185,13 @@ static int ndli_remesh_decide(ndl_remesh *r, const int holders[2][4], sb_real en
         ndli_candidate *c = r->final + i;
         ndli_remesh_make_draft(r, c);
         ndli_remesh_smooth(r);
-        ndli_remesh_rate(r);
-        done = ndli_remesh_core_least(r) >= enough;
+        ndli_remesh_rate(r, c);
+        done = ndli_remesh_core_least(r, c) >= enough;
         if (i > 0 && !ndli_remesh_rates_better(r))
             continue;
         winner = i;
         memcpy(r->best_rating, r->rating, NDLI_RATED * sizeof(sb_real));
-        r->outcome = ndli_remesh_core_least(r);
+        r->outcome = ndli_remesh_core_least(r, c);
         for (int k = 0; k < r->draft.moved_count; k++) /* a freed tip may slide first and be smoothed then */
             if (c->slid_moves && r->table[r->draft.moved[k]] == c->slid)
                 c->slid_X = r->draft.X[r->draft.moved[k]];
@@ -1434,18 +1440,18 @@ static int ndli_remesh_make_way(ndl_remesh *r, const int holders[2][4])
     return ndli_remesh_decide(r, holders, sb_min(r->before, r->def.smooth_below));
 }
 
-/* Takes the tip to X, which tet `start` holds. */
-static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
+/* Leaves the best operation that takes the tip to X, which tet `start` holds, first among the finalists, with what has to
+ * make way for it. Nothing changes yet. */
+static sb_result ndli_remesh_choose(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
 {
-    ndli_needle *needle = r->needles + r->needle;
-    int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
-    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    const ndli_needle *needle = r->needles + r->needle;
+    int holders[2][4], *holder = holders[0], *undone_holder = holders[1], can_undo;
     memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
     if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
     r->conflict = -1;
-    ndli_remesh_try_snap_tip(r, tip, X);
+    ndli_remesh_try_snap_tip(r, ndli_remesh_from_tip(needle, 0), X);
     if (penetrates)
         ndli_remesh_try_standard(r, &r->here, holder, 4, X, NDLI_AHEAD);
     if (can_undo)
@@ -1456,8 +1462,17 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         return ndli_remesh_fail_operation(r, error);
     if (!ndli_remesh_make_way(r, (const int(*)[4])holders))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
-    if (r->outcome < sb_min(r->before, r->enough))
-        return ndli_remesh_fail_operation(r, error);
+    return SB_OK;
+}
+
+/* Takes the tip to X, which tet `start` holds. */
+static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int penetrates, sb_error *error)
+{
+    ndli_needle *needle = r->needles + r->needle;
+    int tip = ndli_remesh_from_tip(needle, 0), node;
+    sb_result result = ndli_remesh_choose(r, X, start, penetrates, error);
+    if (result != SB_OK)
+        return result;
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
@@ -1482,7 +1497,6 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
                         is_in ? "not in" : "already in");
     r->needle = needle;
     r->conflict = -1;
-    r->enough = 0;
     memset(&r->info, 0, sizeof r->info);
     r->info.worst_quality = 1;
     if (info)
@@ -1556,17 +1570,32 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
     return result;
 }
 
-NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, const ndli_first_places *places,
                                          ndl_remesh_info *info)
 {
     const ndl_tissue_mesh *mesh = remesh->mesh;
+    sb_real best = -1;
+    sb_vec3 X = places->from;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
-    int tip, tet;
+    int start, tet = -1, done = 0;
     if (result != SB_OK)
         return result;
-    tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
-    remesh->enough = enough;
+    start = mesh->node_star[ndli_remesh_from_tip(remesh->needles + needle, 0)] / 4;
+    for (int eighths = 8; eighths > 3 && !done; eighths--) {
+        sb_vec3 at = sb_v3_madd(places->from, (sb_real)eighths / 8, sb_v3_sub(places->to, places->from));
+        int holder = ndl_tissue_mesh_find(mesh, mesh->X, at, start, NULL);
+        sb_result tried = holder < 0 ? SB_ERROR_MESH : ndli_remesh_choose(remesh, at, holder, 1, NULL);
+        if (tried == SB_ERROR_MESH)
+            continue;
+        if (tried != SB_OK)
+            return tried;
+        done = remesh->outcome >= sb_min(remesh->before, places->good);
+        if (remesh->outcome > best) {
+            best = remesh->outcome;
+            X = at;
+            tet = remesh->outcome >= sb_min(remesh->before, places->enough) ? holder : -1;
+        }
+    }
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
         *info = remesh->info;
@@ -1624,7 +1653,31 @@ static int ndli_remesh_keeps_skin(const ndl_remesh *r)
     return 1;
 }
 
-static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X)
+/* Least quality of the tets that stand on the skin about the trial's entry once the first node below it is there. They
+ * cannot make way: skin, entry and needle stay where they are, so an entry beside an edge makes them flat for good. */
+static sb_real ndli_remesh_next_least(ndl_remesh *r, sb_vec3 below)
+{
+    const ndli_candidate *t = &r->trial;
+    sb_real least = SB_REAL_MAX;
+    for (int i = 0; i < r->here.count; i++) {
+        const ndli_patch_tet *tet = r->here.tets + i;
+        if (!ndli_remesh_holds(tet->nodes, t->simplex, t->size))
+            continue;
+        for (int c = 0; c < 4; c++)
+            for (int j = 0; j < t->size && (tet->skin >> c & 1); j++) {
+                sb_vec3 p[4];
+                if (tet->nodes[c] == t->simplex[j])
+                    continue;
+                for (int k = 0; k < 4; k++)
+                    p[k] = k == c ? below : tet->nodes[k] == t->simplex[j] ? t->X : r->mesh->X[tet->nodes[k]];
+                least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+            }
+    }
+    return least;
+}
+
+/* inward: from an entry to the first node below it, about (m). */
+static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, sb_vec3 X, sb_vec3 inward)
 {
     ndli_candidate *t = &r->trial;
     memcpy(t->simplex, simplex, (size_t)size * sizeof(int));
@@ -1638,13 +1691,16 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     if (!ndli_remesh_keeps_skin(r))
         return;
     r->info.candidates++;
-    if (!ndli_remesh_collect(r, &r->here) || ndli_remesh_is_lost(r))
+    if (!ndli_remesh_collect(r, &r->here))
         return;
-    ndli_remesh_rank(r);
+    t->next = ndli_remesh_next_least(r, sb_v3_add(X, inward));
+    ndli_remesh_push(&t->created, t->next);
+    if (!ndli_remesh_is_lost(r))
+        ndli_remesh_rank(r);
 }
 
 /* Nodes and edges of the face not further than `reach` from X, with the entry on them. */
-static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X, sb_real reach)
+static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X, sb_real reach, sb_vec3 inward)
 {
     for (int i = 0; i < 3; i++) {
         int edge[2];
@@ -1656,14 +1712,30 @@ static void ndli_remesh_try_slipped(ndl_remesh *r, const int face[3], sb_vec3 X,
         s = sb_v3_dot(sb_v3_sub(X, a), along) / sb_v3_dot(along, along);
         foot = sb_v3_madd(a, s, along);
         if (s > 0 && s < 1 && sb_v3_norm(sb_v3_sub(X, foot)) <= reach)
-            ndli_remesh_try_entry(r, edge, 2, foot);
+            ndli_remesh_try_entry(r, edge, 2, foot, inward);
         if (sb_v3_norm(sb_v3_sub(X, a)) <= reach)
-            ndli_remesh_try_entry(r, face + i, 1, a);
+            ndli_remesh_try_entry(r, face + i, 1, a, inward);
     }
 }
 
+/* From an entry on a skin face to a needle's first node below it, about: a third of the face's mean edge along `way`, or
+ * straight into the tet when that is 0 or leads out of it. (The needle gets that node when it is half an edge deep, but has
+ * pushed the tissue ahead of it by then.) */
+static sb_vec3 ndli_remesh_inward(const ndl_remesh *r, const int face[3], sb_vec3 inner, sb_vec3 way)
+{
+    const sb_vec3 *X = r->mesh->X;
+    sb_vec3 a = sb_v3_sub(X[face[1]], X[face[0]]), b = sb_v3_sub(X[face[2]], X[face[0]]), n = sb_v3_cross(a, b);
+    sb_real mean = (sb_v3_norm(a) + sb_v3_norm(b) + sb_v3_norm(sb_v3_sub(a, b))) / 3;
+    if (sb_v3_dot(n, sb_v3_sub(inner, X[face[0]])) < 0)
+        n = sb_v3_scale(-1, n);
+    if (!(sb_v3_dot(n, way) > 0))
+        way = n;
+    return sb_v3_scale(mean / (3 * sb_v3_norm(way)), way);
+}
+
 /* Leaves the best entry first among the finalists, with what has to make way for it; 0: no memory. */
-static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip)
+static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int face[3], sb_vec3 X, sb_real slip,
+                                   sb_vec3 inward)
 {
     int holders[2][4];
     sb_real longest = 0;
@@ -1674,7 +1746,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
         for (int c = 0; c < 3; c++)
             if (set >> c & 1)
                 simplex[size++] = face[c];
-        ndli_remesh_try_entry(r, simplex, size, X);
+        ndli_remesh_try_entry(r, simplex, size, X, inward);
     }
     if (r->final_count && !ndli_remesh_make_way(r, (const int(*)[4])holders))
         return 0;
@@ -1683,7 +1755,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
     if (r->final_count && r->outcome >= sb_min(r->before, r->def.smooth_below / 2))
         return 1;
     r->here.count = r->core_count; /* making way has widened it */
-    ndli_remesh_try_slipped(r, face, X, slip * longest);
+    ndli_remesh_try_slipped(r, face, X, slip * longest, inward);
     return !r->final_count || ndli_remesh_make_way(r, (const int(*)[4])holders);
 }
 
@@ -1703,7 +1775,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
     return SB_OK;
 }
 
-static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
+static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_vec3 way,
+                                         sb_error *error)
 {
     int holder[4], face[3], k = 0, good = 1, node;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
@@ -1718,7 +1791,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!good || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
     r->final_count = 0;
-    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip))
+    way = ndli_remesh_inward(r, face, r->mesh->X[holder[hit->face]], way);
+    if (!ndli_remesh_try_entries(r, holder, face, hit->X, slip, way))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
@@ -1737,13 +1811,13 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
 }
 
 NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
-                                               ndl_remesh_info *info, sb_error *error)
+                                               sb_vec3 way, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, 0, info, error);
     if (result == SB_OK)
         result = ndli_remesh_check_hit(remesh, hit, error);
     if (result == SB_OK)
-        result = ndli_remesh_do_puncture(remesh, hit, slip, error);
+        result = ndli_remesh_do_puncture(remesh, hit, slip, way, error);
     if (result == SB_OK && info)
         *info = remesh->info;
     return result;
@@ -1752,7 +1826,8 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, sb_v3(0, 0, 0), info,
+                                       error);
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */

@@ -105,12 +105,19 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 #define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
-/* ndl_remesh_puncture with another entry_slip than the remesher's. */
+/* ndl_remesh_puncture with another entry_slip than the remesher's, and the way (material direction of any length) that
+ * the needle will take from there; 0: straight into the skin. */
 NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
-                                               ndl_remesh_info *info, sb_error *error);
-/* Takes a tip that is at its entry to X in one operation, however far that is. SB_ERROR_MESH, with nothing changed,
- * also when tets about it would be worse than `enough` and than they are. */
-NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
+                                               sb_vec3 way, ndl_remesh_info *info, sb_error *error);
+/* Places for the first node below the entry: from (exclusive) the entry to a point deeper in. A place is good where tets
+ * about it are no worse than `good` or than they were, and good enough with `enough`; m, quality. */
+typedef struct ndli_first_places {
+    sb_vec3 from, to;
+    sb_real good, enough;
+} ndli_first_places;
+/* Gives a tip that is at its entry a node in one operation, at the deepest good place; if none is, at the best of them.
+ * SB_ERROR_MESH, with nothing changed, when that is not even good enough. */
+NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, const ndli_first_places *places,
                                          ndl_remesh_info *info);
 #endif
 
