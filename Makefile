@@ -11,6 +11,7 @@
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
+#   make format     lays out the sources by .clang-format 14; make format-check says which are not
 #   make lint       warnings, split build, linkage   make fuzz       FUZZ_SECONDS=10 for each target
 #   make soak       SOAK_STEPS=1000000 per element, or SOAK_SECONDS=20 for all
 #   make coverage   lines of the header that the suite runs, room by room
@@ -48,7 +49,7 @@ FUZZERS = tests/fuzz/fuzz.c
 .SUFFIXES:
 .DELETE_ON_ERROR:
 .PHONY: all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-traps verification sanitize cross bench race \
-	benches lint fuzz test-corpus soak coverage format install clean FORCE
+	benches lint fuzz test-corpus soak coverage format format-check install clean FORCE
 
 all: examples
 
@@ -270,7 +271,7 @@ dev: build/split/tests
 	build/split/tests $(FILTER)
 
 lint: $(LINT_OK) build/split/tests
-	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "tests/order.sh build/split" "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
+	tests/total.sh "build/split/tests $(or $(FILTER),$(LINKED))" "tests/order.sh build/split" tests/format.sh "GCC='$(GCC)' CLANG='$(CLANG)' GXX='$(GXX)' tests/link.sh build/link"
 
 # ---- all that CI runs ------------------------------------------------------------------------------------------
 
@@ -365,9 +366,11 @@ install: $(HEADERS) build/softbody.pc
 	cp $(HEADERS) '$(DESTDIR)$(PREFIX)/include/'
 	cp build/softbody.pc '$(DESTDIR)$(PREFIX)/share/pkgconfig/'
 
-# Optional: lays out all sources by .clang-format.
+# Sources laid out by .clang-format, with the version of clang-format that it was written for: changed, or checked.
 format:
-	clang-format -i $(filter %.c %.h,$(PARTS)) src/*.c tests/*.[ch] tests/*/*.c $(EXAMPLES)
+	tests/format.sh --write
+format-check:
+	tests/format.sh
 
 clean:
 	rm -rf build

@@ -325,7 +325,7 @@
 #define NDL_VERSION_PATCH 0
 #define NDL_VERSION_STRING "0.5.0"
 
-#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
+#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     NDL_VERSION_PATCH != SB_VERSION_PATCH
 #error "needle.h and softbody.h are of different versions: take both from one release"
 #endif
@@ -387,8 +387,8 @@ typedef struct ndl_rod_section {
 } ndl_rod_section;
 
 typedef enum ndl_rod_preset {
-    NDL_STYLET_18G = 1,   /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
-    NDL_NITINOL_083 = 2,  /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
+    NDL_STYLET_18G = 1,    /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
+    NDL_NITINOL_083 = 2,   /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
                            * Experimental Robotics, and of the phantom studies after it) */
     NDL_HYPODERMIC_22G = 3 /* 22-gauge steel tube, 0.7176 mm outside, 0.413 mm inside */
 } ndl_rod_preset;
@@ -401,9 +401,9 @@ NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section 
 
 /* Stiffnesses of a rod; ndl_rod_stiffness_of makes them from a section. */
 typedef struct ndl_rod_stiffness {
-    sb_real stretch;    /* EA (N), > 0 */
-    sb_real bending[2]; /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
-    sb_real twist;      /* GJ (N m^2), > 0 */
+    sb_real stretch;      /* EA (N), > 0 */
+    sb_real bending[2];   /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
+    sb_real twist;        /* GJ (N m^2), > 0 */
     sb_real line_density; /* mass per length (kg/m), > 0 */
 } ndl_rod_stiffness;
 
@@ -421,23 +421,23 @@ typedef enum ndl_rod_rest {
 
 /* What a rod is made from. Start from ndl_default_rod_def(), set nodes, change what you like. */
 typedef struct ndl_rod_def {
-    const sb_vec3 *nodes;   /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
+    const sb_vec3 *nodes; /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
                              * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
-    int node_count;         /* >= 2 */
-    int capacity; /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
-    ndl_rod_section section; /* default NDL_STYLET_18G */
+    int node_count;       /* >= 2 */
+    int capacity;         /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
+    ndl_rod_section section;            /* default NDL_STYLET_18G */
     const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
-    ndl_rod_rest rest;      /* default NDL_REST_STRAIGHT */
+    ndl_rod_rest rest;                  /* default NDL_REST_STRAIGHT */
     const sb_real *rest_curvature; /* [node_count][2] (1/m) for NDL_REST_CURVATURE: curvature towards m1 and towards m2
                              * at each node; those of the two ends are not used */
-    sb_vec3 director;       /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
-    int clamped;            /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
-    sb_vec3 gravity;        /* m/s^2; default 0 */
+    sb_vec3 director; /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
+    int clamped;      /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
+    sb_vec3 gravity;  /* m/s^2; default 0 */
     sb_real damping_stretch; /* s, >= 0: viscous stress is this times the rate of the elastic one; default 1e-4 */
     sb_real damping_bending; /* s, >= 0; the same for bending. It acts on the rate of the curvature vector, so that it
                              * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
-    int max_newton; /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
-    sb_real tolerance;      /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
+    int max_newton;    /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
+    sb_real tolerance; /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_rod_def; a def made without it is refused */
 } ndl_rod_def;
@@ -487,9 +487,9 @@ NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb
 /* What a step or static solve did; every call writes every field. */
 typedef struct ndl_rod_info {
     int newton_iterations;
-    sb_real residual;    /* largest out-of-balance force over the largest force at work, at the last check */
-    int capped;          /* 1: max_newton was reached before the tolerance, and the last state was taken */
-    int damped;          /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
+    sb_real residual; /* largest out-of-balance force over the largest force at work, at the last check */
+    int capped;       /* 1: max_newton was reached before the tolerance, and the last state was taken */
+    int damped;       /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
     sb_error error;
 } ndl_rod_info;
 
@@ -506,10 +506,10 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
 typedef struct ndl_rod_static_options {
-    int max_newton;      /* >= 1; default 500 */
-    sb_real tolerance;   /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
+    int max_newton;    /* >= 1; default 500 */
+    sb_real tolerance; /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
                           * rounding of positions leaves of it */
-    unsigned cookie;     /* set by ndl_default_rod_static_options */
+    unsigned cookie;   /* set by ndl_default_rod_static_options */
 } ndl_rod_static_options;
 
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
@@ -553,9 +553,9 @@ NDL_API sb_result ndl_rod_reparameterise(ndl_rod *rod, const sb_vec3 *positions,
 
 /* ---- readings: no allocation ---- */
 NDL_API int ndl_rod_node_count(const ndl_rod *rod);
-NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);  /* [node_count] (m), valid until destroyed */
-NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod); /* [node_count] (m/s) */
-NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);    /* kg */
+NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);      /* [node_count] (m), valid until destroyed */
+NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod);     /* [node_count] (m/s) */
+NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);        /* kg */
 NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge); /* m */
 
 /* Orthonormal, right-handed: m1 x m2 = t. */
@@ -573,7 +573,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
-    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
+    sb_real grip;                          /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the
@@ -1034,8 +1034,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
 /* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature);
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */
 
@@ -1099,11 +1098,11 @@ typedef struct ndl_plan_def {
     const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
                         * not added to, between updates */
     int obstacle_count;
-    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+    sb_real clearance; /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
                          * radius */
-    int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
-    int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
-    unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
+    int max_pieces;    /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
+    int samples;       /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
+    unsigned cookie;   /* set by ndl_default_plan_def; a def made without it is refused */
 } ndl_plan_def;
 
 NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length);
@@ -1142,22 +1141,22 @@ typedef struct ndl_steer_command {
 
 /* Start from ndl_default_steer_def. */
 typedef struct ndl_steer_def {
-    ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
-    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+    ndl_plan_def plan;  /* plan.max_length is that of the whole insertion */
+    sb_real reserve;    /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
                           * than it should, or tissue that gives way, can be made up for; default 0.2 */
-    sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
-    sb_real max_turn;    /* rad per update, > 0; default 1 */
-    sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
+    sb_real step;       /* m of insertion per update, > 0; default 1/100 of the radius */
+    sb_real max_turn;   /* rad per update, > 0; default 1 */
+    sb_real turn_gain;  /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
                           * the tip follows the base late */
-    sb_real turn_first;  /* rad: insertion waits while the roll is further off than this; default 0.3 */
-    int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
-    sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
-    int max_updates;     /* >= 1; default 10000 */
-    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+    sb_real turn_first; /* rad: insertion waits while the roll is further off than this; default 0.3 */
+    int max_wait;       /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
+    sb_real reach;      /* m, > 0: what counts as reached; default 1/100 of the radius */
+    int max_updates;    /* >= 1; default 10000 */
+    sb_real learn;      /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
                           * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
                           * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
                           * curvature */
-    unsigned cookie;     /* set by ndl_default_steer_def */
+    unsigned cookie;    /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
 /* curvature and max_length as in ndl_default_plan_def. */
@@ -1167,22 +1166,22 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
 typedef struct ndl_steer {
     ndl_steer_def def;
     ndl_steer_status status;
-    sb_real inserted;  /* m commanded */
+    sb_real inserted;   /* m commanded */
     int updates, plans; /* plans: how often a way past the obstacles was searched */
-    int waited;        /* updates of the present wait */
-    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
+    int waited;         /* updates of the present wait */
+    int next_search;    /* the update from which a better way is looked for again, while the present one is clear */
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
-    ndl_plan plan;     /* from the last sensed tip */
-    sb_real curvature; /* 1/m: def.plan.curvature, as measured since: between half of it and all */
-    sb_vec3 drift;     /* the tip's way less where it looks, across: small angles (rad) */
+    ndl_plan plan;                          /* from the last sensed tip */
+    sb_real curvature;                      /* 1/m: def.plan.curvature, as measured since: between half of it and all */
+    sb_vec3 drift;                          /* the tip's way less where it looks, across: small angles (rad) */
     /* internal: what it is learned from */
-    ndl_tip_pose tip;  /* the last one sensed */
-    sb_vec3 way;       /* unit: where it was found to go */
-    sb_vec3 first;     /* t of the first one */
-    sb_real advance;   /* m: what was inserted since */
-    sb_real weight;    /* m^2: that of the present estimate of the curvature */
-    int bends;         /* 1: the tip has been seen to bend, so it is in tissue */
+    ndl_tip_pose tip; /* the last one sensed */
+    sb_vec3 way;      /* unit: where it was found to go */
+    sb_vec3 first;    /* t of the first one */
+    sb_real advance;  /* m: what was inserted since */
+    sb_real weight;   /* m^2: that of the present estimate of the curvature */
+    int bends;        /* 1: the tip has been seen to bend, so it is in tissue */
 } ndl_steer;
 
 /* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
@@ -1224,12 +1223,12 @@ NDL_API ndl_push_def ndl_default_push_def(void);
 
 /* A PI controller: plain data, may be copied. Fields are read-only. */
 typedef struct ndl_push {
-    ndl_push_def def;      /* directions made unit vectors */
-    sb_vec3 integral;      /* m: the integral part of the displacement asked for */
-    sb_vec3 force;         /* N */
-    sb_vec3 error;         /* m: way that the point has still to go, across the path; 0 when there */
-    int arrived;           /* the last error was within the tolerance */
-    int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
+    ndl_push_def def; /* directions made unit vectors */
+    sb_vec3 integral; /* m: the integral part of the displacement asked for */
+    sb_vec3 force;    /* N */
+    sb_vec3 error;    /* m: way that the point has still to go, across the path; 0 when there */
+    int arrived;      /* the last error was within the tolerance */
+    int limited;      /* the force asked for was beyond the cone, max_force or max_rate */
 } ndl_push;
 
 /* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.
@@ -1865,40 +1864,40 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b)
 /* Geometry of a rod in a shape that is tried: all that energies and their derivatives are made of. */
 typedef struct ndli_rod_shape {
     ndli_v3 *tangent;  /* [edges] */
-    double *length;   /* [edges] (m) */
+    double *length;    /* [edges] (m) */
     ndli_v3 *director; /* [edges] the state's, carried along with the edge */
     ndli_v3 *m1, *m2;  /* [edges] */
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
-    double *chi;      /* [nodes] 1 + t.t' */
-    double *twist;    /* [nodes] (rad) */
+    double *chi;       /* [nodes] 1 + t.t' */
+    double *twist;     /* [nodes] (rad) */
     double *reference; /* [nodes] (rad) of it, what the directors make */
-    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
+    double *lag;       /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
 typedef struct ndli_rod_matrix {
-    ndli_m3 (*node)[3];   /* [nodes] (N/m) */
-    ndli_v3 (*cross)[4];  /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
+    ndli_m3 (*node)[3];  /* [nodes] (N/m) */
+    ndli_v3 (*cross)[4]; /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
     double *turn;        /* [edges] theta_j with itself (N m) */
     double *turn_before; /* [edges] theta_j with theta_j-1 */
 } ndli_rod_matrix;
 
 struct ndl_rod {
     sb_allocator allocator;
-    void *memory;            /* the one block behind the arrays */
+    void *memory; /* the one block behind the arrays */
     int capacity;
     int node_count;
     double stretch, bending[2], torsion, line_density; /* N, N m^2, N m^2, kg/m */
-    int plain;               /* 1: isotropic and straight at rest, so that bending does not see the material frames */
+    int plain; /* 1: isotropic and straight at rest, so that bending does not see the material frames */
     ndli_v3 gravity;
     double damping_stretch, damping_bending; /* s */
     int max_newton;
     double tolerance;
 
-    ndli_v3 *x, *v, *a;      /* [nodes] */
-    ndli_v3 *director;       /* [edges] */
-    double *theta;          /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
-    ndli_v3 *tangent;        /* [edges] of x */
+    ndli_v3 *x, *v, *a; /* [nodes] */
+    ndli_v3 *director;  /* [edges] */
+    double *theta;      /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
+    ndli_v3 *tangent;   /* [edges] of x */
 
     double *rest_length;    /* [edges] (m) */
     double (*rest_bend)[2]; /* [nodes] integrated rest curvature (2 tan of half the turn) towards m1 and m2; a density
@@ -1906,47 +1905,48 @@ struct ndl_rod {
     double *mass;           /* [nodes] (kg) */
     double *cell;           /* [nodes] (m) length that bends at an inner node: half of both edges, of one at a clamp */
 
-    unsigned char *held;     /* [nodes] */
-    ndli_v3 *target;         /* [nodes] where held nodes will be, */
-    ndli_v3 *target_velocity; /* [nodes] with this velocity */
+    unsigned char *held;         /* [nodes] */
+    ndli_v3 *target;             /* [nodes] where held nodes will be, */
+    ndli_v3 *target_velocity;    /* [nodes] with this velocity */
     unsigned char *has_velocity; /* [nodes] 1: target_velocity was given */
-    unsigned char *turn_held; /* [edges] */
-    double *turn;           /* [edges] (rad) still to turn in the next step */
-    int base_director_set;   /* 1: the base shall be turned so that its m1 becomes base_director */
+    unsigned char *turn_held;    /* [edges] */
+    double *turn;                /* [edges] (rad) still to turn in the next step */
+    int base_director_set;       /* 1: the base shall be turned so that its m1 becomes base_director */
     ndli_v3 base_director;
-    ndli_v3 *force;          /* [nodes] dead loads (N) */
-    double *torque;         /* [edges] (N m) */
-    int grips;               /* edges with a grip */
+    ndli_v3 *force;            /* [nodes] dead loads (N) */
+    double *torque;            /* [edges] (N m) */
+    int grips;                 /* edges with a grip */
     double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
-    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
-    ndli_v3 *reaction;       /* [nodes] */
-    double *reaction_torque; /* [edges] */
+    double *anchor;            /* [edges] (rad) theta at which that spring is not wound */
+    ndli_v3 *reaction;         /* [nodes] */
+    double *reaction_torque;   /* [edges] */
 
     sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
 
-    int energy_monitored;    /* 1: energy_before is the energy (J) when supports or loads last changed */
+    int energy_monitored; /* 1: energy_before is the energy (J) when supports or loads last changed */
     double energy_before;
 
     /* what follows holds nothing between calls */
-    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains measured from those below */
-    double *old_length;      /* [edges] (m) */
-    ndli_v3 *old_binormal;   /* [nodes] */
-    double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
+    double viscous_stretch,
+        viscous_bend;      /* within a step: damping time over dt, of strains measured from those below */
+    double *old_length;    /* [edges] (m) */
+    ndli_v3 *old_binormal; /* [nodes] */
+    double (*old_bend)[4]; /* [nodes] curvature in the frame of the edge before, of the edge after */
     ndli_rod_shape shape;
     ndli_rod_matrix matrix;
-    ndli_v3 *gradient;       /* [nodes] */
-    double *turn_gradient;  /* [edges] */
-    ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
+    ndli_v3 *gradient;                           /* [nodes] */
+    double *turn_gradient;                       /* [edges] */
+    ndli_v3 *try_x, *best_x, *step_x;            /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
-    ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
+    ndli_v3 *predicted; /* [nodes] where inertia alone takes free nodes; targets of held ones */
     ndli_m3 *damping_before, *damping_after,
         *damping_weight;      /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
-    double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
-    double *unknown;        /* [4 nodes] */
-    ndli_v3 *saved_nodes;    /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
-    double *saved_reals;     /* [NDLI_ROD_SAVED_REALS nodes] */
-    double *saved_turns;     /* [edges] */
+    double *band;             /* [4 nodes][NDLI_ROD_WIDTH + 1] */
+    double *unknown;          /* [4 nodes] */
+    ndli_v3 *saved_nodes;     /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
+    double *saved_reals;      /* [NDLI_ROD_SAVED_REALS nodes] */
+    double *saved_turns;      /* [edges] */
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
@@ -2231,8 +2231,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
-                          (fabs(change) + unknown) * unknown;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) *
+                          unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
@@ -2252,8 +2252,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 typedef struct ndli_rod_local {
     ndli_v3 edge[2];
     double turn[2];
-    ndli_m3 edges[2][2];    /* [1][0] is the transpose of [0][1] and not kept */
-    ndli_v3 cross[2][2];    /* [edge][theta] */
+    ndli_m3 edges[2][2]; /* [1][0] is the transpose of [0][1] and not kept */
+    ndli_v3 cross[2][2]; /* [edge][theta] */
     double turns[2], turns_between;
 } ndli_rod_local;
 
@@ -2886,12 +2886,29 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->predicted,
                            &rod->damping_tangent,
                            &rod->old_binormal};
-    double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
-                        &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+    double **reals[] = {&rod->theta,
+                        &rod->rest_length,
+                        &rod->mass,
+                        &rod->cell,
+                        &rod->turn,
+                        &rod->torque,
+                        &rod->reaction_torque,
+                        &rod->shape.length,
+                        &rod->shape.chi,
+                        &rod->shape.twist,
                         &rod->shape.reference,
-                        &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
-                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
+                        &rod->matrix.turn,
+                        &rod->matrix.turn_before,
+                        &rod->turn_gradient,
+                        &rod->try_theta,
+                        &rod->best_theta,
+                        &rod->step_theta,
+                        &rod->saved_turns,
+                        &rod->old_length,
+                        &rod->grip,
+                        &rod->grip_limit,
+                        &rod->anchor,
+                        &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -2899,10 +2916,10 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
         *reals[i] = (double *)sbi_arena_take(arena, n, d);
     for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++)
         *matrices[i] = (ndli_m3 *)sbi_arena_take(arena, n, m);
-    rod->rest_bend = (double (*)[2])sbi_arena_take(arena, n, 2 * d);
-    rod->old_bend = (double (*)[4])sbi_arena_take(arena, n, 4 * d);
-    rod->matrix.node = (ndli_m3 (*)[3])sbi_arena_take(arena, n, 3 * m);
-    rod->matrix.cross = (ndli_v3 (*)[4])sbi_arena_take(arena, n, 4 * v);
+    rod->rest_bend = (double(*)[2])sbi_arena_take(arena, n, 2 * d);
+    rod->old_bend = (double(*)[4])sbi_arena_take(arena, n, 4 * d);
+    rod->matrix.node = (ndli_m3(*)[3])sbi_arena_take(arena, n, 3 * m);
+    rod->matrix.cross = (ndli_v3(*)[4])sbi_arena_take(arena, n, 4 * v);
     rod->held = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->has_velocity = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->turn_held = (unsigned char *)sbi_arena_take(arena, n, 1);
@@ -2955,8 +2972,9 @@ static sb_result ndli_rod_first_shape(ndl_rod *rod, ndli_v3 director, sb_error *
     if (bad >= 0)
         return sbi_fail_node(error, SB_ERROR_MESH, bad, "the rod turns back at node %d", bad);
     for (int j = 1; j < ndli_rod_edges(rod); j++)
-        rod->director[j] = ndli_rod_across(
-            ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j], rod->director[j - 1]), rod->tangent[j]);
+        rod->director[j] = ndli_rod_across(ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j],
+                                                              rod->director[j - 1]),
+                                           rod->tangent[j]);
     ndli_rod_set_shape(rod, rod->x, rod->theta);
     return SB_OK;
 }
@@ -3115,8 +3133,9 @@ NDLI_API int ndli_rod_follow(ndl_rod *rod)
         rod->theta[j] = before + turned;
         rod->anchor[j] += turned;
         rod->tangent[j] = rod->shape.tangent[j];
-        rod->director[j] = ndli_rod_across(
-            ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j], rod->director[j - 1]), rod->tangent[j]);
+        rod->director[j] = ndli_rod_across(ndli_rod_transport(rod->tangent[j - 1], rod->tangent[j],
+                                                              rod->director[j - 1]),
+                                           rod->tangent[j]);
     }
     ndli_rod_relax(rod);
     return -1;
@@ -3640,7 +3659,7 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
  * potential. */
 
 typedef struct ndli_rod_problem {
-    double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
+    double inertia; /* 1/s^2: d a'/d x'; 0: statics */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -3761,8 +3780,8 @@ static void ndli_rod_fill_band(ndl_rod *rod)
             for (int c = 0; c < 3; c++) {
                 int node = 4 * (j - 1 + k) + c, turn = 4 * j + 3;
                 if (node >= 0 && node < 4 * rod->node_count)
-                    *ndli_rod_band_at(rod, sbi_max_int(node, turn), sbi_min_int(node, turn)) =
-                        ndli_component(rod->matrix.cross[j][k], c);
+                    *ndli_rod_band_at(rod, sbi_max_int(node, turn),
+                                      sbi_min_int(node, turn)) = ndli_component(rod->matrix.cross[j][k], c);
             }
         *ndli_rod_band_at(rod, 4 * j + 3, 4 * j + 3) = rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
         if (j > 0)
@@ -3780,8 +3799,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
-             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH);
+             other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -4286,9 +4305,10 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
         ndli_rod_restore(rod);
         memcpy(rod->turn, rod->saved_turns, n * sizeof *rod->turn);
         rod->base_director_set = base_director_set;
-        return ndli_rod_fail(info, result, result == SB_ERROR_NOT_CONVERGED
-                                               ? "max_newton was reached; the rod is as it was"
-                                               : "Newton found no step that lowers the energy; the rod is as it was");
+        return ndli_rod_fail(info, result,
+                             result == SB_ERROR_NOT_CONVERGED
+                                 ? "max_newton was reached; the rod is as it was"
+                                 : "Newton found no step that lowers the energy; the rod is as it was");
     }
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
@@ -4527,26 +4547,25 @@ static double ndli_rod_curve_at(const ndli_rod_curve *curve, double u, int flat,
     s1 = curve->slope[i + 1];
     width = curve->at[i + 1] - curve->at[i];
     m = ndli_rod_secant(curve, i);
-    return curve->value[i] +
-           d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
+    return curve->value[i] + d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
 }
 
 /* ---- from the old nodes to the new ones ---- */
 
 /* A reparameterisation while it is being made, all in the rod's scratch. */
 typedef struct ndli_rod_reshape {
-    int count;             /* new nodes */
-    const ndli_v3 *x;      /* [count] */
-    ndli_v3 *v, *a;        /* [count] */
+    int count;                   /* new nodes */
+    const ndli_v3 *x;            /* [count] */
+    ndli_v3 *v, *a;              /* [count] */
     ndli_v3 *tangent, *director; /* [count - 1] */
-    double *old_at;        /* [old nodes] (m) arc distance of the old nodes */
-    double *at;            /* [count] the new nodes', on the same scale */
-    double *length;        /* [count - 1] (m) */
-    double *rest_length;   /* [count - 1] (m) */
-    double *theta;         /* [count - 1] (rad) */
-    double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
-    ndli_rod_spread grip;  /* [count - 1] */
-    ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
+    double *old_at;              /* [old nodes] (m) arc distance of the old nodes */
+    double *at;                  /* [count] the new nodes', on the same scale */
+    double *length;              /* [count - 1] (m) */
+    double *rest_length;         /* [count - 1] (m) */
+    double *theta;               /* [count - 1] (rad) */
+    double *curvature[2];        /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;        /* [count - 1] */
+    ndli_rod_curve curve;        /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
 /* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
@@ -4729,8 +4748,8 @@ static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *re
     }
     ndli_rod_set_slopes(&curve);
     reshape->theta[0] = rod->theta[0];
-    reshape->director[0] = ndli_rod_across(
-        ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]), reshape->tangent[0]);
+    reshape->director[0] = ndli_rod_across(ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]),
+                                           reshape->tangent[0]);
     for (int j = 1; j < reshape->count - 1; j++) {
         ndli_v3 t = reshape->tangent[j], d, carried;
         double u = 0.5 * (reshape->at[j] + reshape->at[j + 1]);
@@ -11506,8 +11525,7 @@ NDLI_API sb_result ndli_pose_read(const ndl_tip_pose *tip, ndli_pose *pose)
     const ndl_frame *f = &tip->frame;
     ndli_v3 m1 = ndli_from(f->m1), m2 = ndli_from(f->m2), t = ndli_from(f->t), off;
     double length;
-    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) ||
-        !sb_v3_is_finite(f->t))
+    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) || !sb_v3_is_finite(f->t))
         return SB_ERROR_NOT_FINITE;
     off = ndli_sub(ndli_cross(m1, m2), t);
     if (!(fabs(ndli_norm(t) - 1) < 1e-3) || !(fabs(ndli_norm(m2) - 1) < 1e-3) || !(fabs(ndli_norm(m1) - 1) < 1e-3) ||
@@ -11714,8 +11732,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
     return SB_OK;
 }
 
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature)
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature)
 {
     double d = (double)advance, l = (double)edge_length;
     sb_result result = ndli_bevel_check(bevel, d, l);
@@ -11749,10 +11766,7 @@ NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *def
 
 /* ---- obstacles ---- */
 
-static double ndli_path_clamp(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_path_clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 static double ndli_distance_capsule(const ndl_obstacle *o, ndli_v3 p)
 {
@@ -11850,7 +11864,7 @@ enum { NDLI_SEARCH_STACK = 128, NDLI_SEARCH_STARTS = 4, NDLI_SEARCH_SEEDS = 256 
 
 typedef struct ndli_search {
     double k, s_max, w_low, w_high;
-    ndli_v3 g; /* target in the tip's frame */
+    ndli_v3 g;  /* target in the tip's frame */
     double rho; /* its distance from the tip's axis */
     int turn;
     double tolerance;
@@ -11923,10 +11937,7 @@ static int ndli_search_leaves(double x, double low, double high, double gradient
     return (x <= low && gradient > 0) || (x >= high && gradient < 0);
 }
 
-static double ndli_search_into(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_search_into(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 /* Levenberg-Marquardt within the limits, from (*s, *w); a variable at a limit that the descent would leave stays. */
 static void ndli_search_descend(const ndli_search *q, double *s, double *w)
@@ -12449,8 +12460,8 @@ NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip
         return result;
     result = ndli_pose_read(tip, &pose);
     if (result != SB_OK)
-        return sbi_fail(error, result, result == SB_ERROR_NOT_FINITE ? "the tip is not finite"
-                                                                     : "the tip's frame is not orthonormal");
+        return sbi_fail(error, result,
+                        result == SB_ERROR_NOT_FINITE ? "the tip is not finite" : "the tip's frame is not orthonormal");
     if (!sb_v3_is_finite(target))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the target is not finite");
     ndli_plan_search(def, &pose, ndli_from(target), 0, plan);
@@ -12647,7 +12658,7 @@ static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
         plan->length -= plan->pieces[0].length;
         plan->piece_count--;
         memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
-        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979    ? turn - (sb_real)6.28318530717959
                                : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
                                                                    : turn;
     }

@@ -256,7 +256,7 @@
 #define REG_VERSION_PATCH 0
 #define REG_VERSION_STRING "0.5.0"
 
-#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR || \
+#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     REG_VERSION_PATCH != SB_VERSION_PATCH
 #error "register.h and softbody.h are of different versions: take both from one release"
 #endif
@@ -374,8 +374,8 @@ REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real rad
 
 /* Points with normals or without. Its arrays come from its allocator; fill them by hand only with memory of that. */
 typedef struct reg_cloud {
-    sb_vec3 *points;        /* [count], m */
-    sb_vec3 *normals;       /* [count], unit length (0: none known), or NULL */
+    sb_vec3 *points;  /* [count], m */
+    sb_vec3 *normals; /* [count], unit length (0: none known), or NULL */
     int count;
     sb_allocator allocator;
 } reg_cloud;
@@ -471,9 +471,9 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
 
 /* What smoothing found. */
 typedef struct reg_smooth_info {
-    sb_real noise;  /* m: standard deviation of the points across the surface */
-    sb_real left;   /* m: what smoothing left of it */
-    int outliers;   /* points that belong to nothing */
+    sb_real noise; /* m: standard deviation of the points across the surface */
+    sb_real left;  /* m: what smoothing left of it */
+    int outliers;  /* points that belong to nothing */
 } reg_smooth_info;
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as
@@ -507,18 +507,18 @@ typedef enum reg_field_kind {
 
 /* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
 typedef struct reg_field_def {
-    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
-    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
-    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
-    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
+    reg_field_kind kind;    /* default REG_FIELD_DISTANCE */
+    const sb_mesh *surface; /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
+    const sb_vec3 *points;  /* [point_count] a cloud (m), or NULL */
+    const sb_vec3 *normals; /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
     int point_count;
-    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
+    sb_vec3 low, high;      /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
                                * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+    int cells;              /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
                                * takes some 0.3 s */
-    sb_allocator allocator;   /* zeros: malloc */
-    sb_jobs jobs;             /* threads for the creation; zeros: none */
-    unsigned cookie;          /* set by reg_default_field_def */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by reg_default_field_def */
 } reg_field_def;
 REG_API reg_field_def reg_default_field_def(void);
 
@@ -544,9 +544,9 @@ REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, 
 
 /* The potential on a line through a point. */
 typedef struct reg_field_sample {
-    sb_real phi;         /* m */
-    sb_real phi_n;       /* slope along the direction over the length `step` */
-    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
+    sb_real phi;    /* m */
+    sb_real phi_n;  /* slope along the direction over the length `step` */
+    sb_real phi_nn; /* derivative of phi_n along the direction (1/m); of either sign */
 } reg_field_sample;
 /* Samples the potential at point (m) along the unit vector direction:
  *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
@@ -587,7 +587,7 @@ REG_API int reg_field_sweeps(const reg_field *field);
 
 /* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
 typedef struct reg_icp_shape {
-    const sb_vec3 *points;     /* [count], m; also of a surface: its nodes, or samples of it */
+    const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
@@ -614,22 +614,22 @@ typedef struct reg_icp_landmark {
 
 /* Start from reg_default_icp_options(). */
 typedef struct reg_icp_options {
-    reg_icp_overlap overlap;  /* WHOLE */
-    reg_icp_metric metric;    /* PLANE */
-    int search;               /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
-    reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
+    reg_icp_overlap overlap;           /* WHOLE */
+    reg_icp_metric metric;             /* PLANE */
+    int search;                        /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
+    reg_rigid start;                   /* model to target; identity. With search it is one candidate among the others */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
-    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    reg_outliers outliers;     /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
     sb_real outlier_parameter; /* 3 */
-    sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
-    int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
-    int max_iterations;       /* >= 1, of the last stage; 100 */
-    sb_real tolerance;        /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
-    sb_clock clock;           /* NULL: no time limit */
-    double max_seconds;       /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
-    sb_allocator allocator;   /* zeros: malloc */
-    int cookie;               /* set by reg_default_icp_options */
+    sb_real max_distance;      /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
+    int sample;                /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
+    int max_iterations;        /* >= 1, of the last stage; 100 */
+    sb_real tolerance;         /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
+    sb_clock clock;            /* NULL: no time limit */
+    double max_seconds;        /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
+    sb_allocator allocator;    /* zeros: malloc */
+    int cookie;                /* set by reg_default_icp_options */
 } reg_icp_options;
 
 typedef enum reg_icp_stop {
@@ -640,13 +640,13 @@ typedef enum reg_icp_stop {
 
 typedef struct reg_icp_info {
     reg_icp_stop stop;
-    int iterations;        /* of the last stage */
-    int candidates;        /* poses that the search tried */
-    int pairs;             /* that counted at the end, without landmarks */
-    sb_real overlap;       /* their share of all points that looked */
-    sb_real mean, rms;     /* m, distance between the partners that counted */
-    sb_real landmark_rms;  /* m, weighted; 0 without landmarks */
-    double seconds;        /* 0 without a clock */
+    int iterations;       /* of the last stage */
+    int candidates;       /* poses that the search tried */
+    int pairs;            /* that counted at the end, without landmarks */
+    sb_real overlap;      /* their share of all points that looked */
+    sb_real mean, rms;    /* m, distance between the partners that counted */
+    sb_real landmark_rms; /* m, weighted; 0 without landmarks */
+    double seconds;       /* 0 without a clock */
 } reg_icp_info;
 
 REG_API reg_icp_options reg_default_icp_options(void);
@@ -694,7 +694,7 @@ typedef enum reg_cpd_kind {
     REG_CPD_RIGID = 0,      /* rotation, translation */
     REG_CPD_SIMILARITY = 1, /* rotation, translation, scale */
     REG_CPD_AFFINE = 2,
-    REG_CPD_NONRIGID = 3    /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
+    REG_CPD_NONRIGID = 3 /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
 } reg_cpd_kind;
 
 typedef enum reg_cpd_stop {
@@ -706,8 +706,8 @@ typedef enum reg_cpd_stop {
 
 /* How far a fit is, and how it ended. */
 typedef struct reg_cpd_info {
-    int iterations;        /* updates of the motion */
-    int rank;              /* columns of the kernel's factor; 0 unless non-rigid */
+    int iterations; /* updates of the motion */
+    int rank;       /* columns of the kernel's factor; 0 unless non-rigid */
     reg_cpd_stop stop;
     sb_real sigma;         /* m: distance, per coordinate, that is left between partners */
     sb_real explained;     /* expected number of target points that are no outliers */
@@ -749,10 +749,10 @@ typedef struct reg_cpd_options {
     int (*progress)(void *user, const reg_cpd_info *info); /* after each iteration, by the caller's thread; a result
                                                             * other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_clock clock;           /* default NULL */
-    sb_allocator allocator;   /* default malloc */
-    sb_jobs jobs;             /* default inline; any gives the same bits */
-    unsigned cookie;          /* set by reg_default_cpd_options; options made without it are refused */
+    sb_clock clock;         /* default NULL */
+    sb_allocator allocator; /* default malloc */
+    sb_jobs jobs;           /* default inline; any gives the same bits */
+    unsigned cookie;        /* set by reg_default_cpd_options; options made without it are refused */
 } reg_cpd_options;
 
 REG_API reg_cpd_options reg_default_cpd_options(void);
@@ -2168,8 +2168,8 @@ static void regi_cloud_fit_block(void *user, int block)
 /* A heap of the points next to those whose normals are settled, the most parallel one on top. */
 typedef struct regi_cloud_front {
     const regi_cloud_fits *fits;
-    sb_real *key;  /* [count]: 1 - |cosine| to the settled neighbour */
-    int *from;     /* [count]: that neighbour */
+    sb_real *key;      /* [count]: 1 - |cosine| to the settled neighbour */
+    int *from;         /* [count]: that neighbour */
     int *heap, *place; /* [count]: place -1: not met, -2: settled */
     int count;
 } regi_cloud_front;
@@ -2494,7 +2494,8 @@ static int regi_xyz_is_heading(regi_xyz *xyz)
     }
     if (numbers == 0)
         return 1;
-    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 || declared > INT_MAX)
+    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 ||
+        declared > INT_MAX)
         return 0;
     xyz->declared = (int)declared;
     xyz->declared_line = xyz->loader->reader.line;
@@ -2638,8 +2639,7 @@ static sb_result regi_cloud_begin(sbi_loader *loader, const void *cloud, sb_real
 }
 
 REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size_t size, reg_cloud_format format,
-                                        const char *name, sb_real scale, const sb_allocator *allocator,
-                                        sb_error *error)
+                                        const char *name, sb_real scale, const sb_allocator *allocator, sb_error *error)
 {
     sbi_loader loader;
     sb_result result = regi_cloud_begin(&loader, cloud, scale, allocator, error);
@@ -2737,7 +2737,7 @@ enum {
     REGI_SMOOTH_ASKED = 192, /* among which they are */
     REGI_SMOOTH_TERMS = 6,   /* 1 x y x^2 xy y^2 */
     REGI_SMOOTH_ROUNDS = 3,
-    REGI_SMOOTH_BLOCK = 256  /* points per task */
+    REGI_SMOOTH_BLOCK = 256 /* points per task */
 };
 
 /* What the passes over the points share. */
@@ -2745,13 +2745,13 @@ typedef struct regi_smooth {
     const sb_vec3 *points, *normals; /* [count]; normals NULL, or 0 where unknown */
     const reg_kdtree *tree;
     int count;
-    const unsigned char *out;        /* [count] 1: outliers, which no fit takes */
-    sb_real noise, usual;            /* m; that of the points, and their spacing */
-    sb_real *residual;               /* [count] distance from what the neighbours say, over its expected share */
-    sb_real *share;                  /* [count] that share: of a residual, or of what smoothing leaves, in noises */
-    sb_real *scatter;                /* [count] of the neighbours about their own surface: median (m) */
-    sb_real *spacing;                /* [count] mean distance to the neighbours (m) */
-    sb_vec3 *moved, *facing;         /* [count] smoothed points, and the normals there */
+    const unsigned char *out; /* [count] 1: outliers, which no fit takes */
+    sb_real noise, usual;     /* m; that of the points, and their spacing */
+    sb_real *residual;        /* [count] distance from what the neighbours say, over its expected share */
+    sb_real *share;           /* [count] that share: of a residual, or of what smoothing leaves, in noises */
+    sb_real *scatter;         /* [count] of the neighbours about their own surface: median (m) */
+    sb_real *spacing;         /* [count] mean distance to the neighbours (m) */
+    sb_vec3 *moved, *facing;  /* [count] smoothed points, and the normals there */
 } regi_smooth;
 
 /* Height over a plane through a point, in a frame of its own. */
@@ -2853,7 +2853,7 @@ static int regi_smooth_solve(const regi_smooth_sums *sums, sb_real coefficients[
 
 /* Weights of a robust fit: small for those much farther off than the median, which is returned. */
 static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
-                              const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
+                                 const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
 {
     sb_real off[REGI_SMOOTH_LEAST], sizes[REGI_SMOOTH_LEAST], terms[REGI_SMOOTH_TERMS], median;
     for (int i = 0; i < count; i++) {
@@ -3231,9 +3231,9 @@ enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that decide whether on
 /* Laplace's potential at the corners of a grid of cubes. */
 typedef struct regi_field_grid {
     sb_vec3 low;
-    sb_real cell;           /* m */
-    int count[3];           /* corners along each axis */
-    sb_real *phi;           /* [corners] m, x fastest */
+    sb_real cell; /* m */
+    int count[3]; /* corners along each axis */
+    sb_real *phi; /* [corners] m, x fastest */
     int sweeps;
 } regi_field_grid;
 
@@ -3242,11 +3242,11 @@ struct reg_field {
     reg_field_kind kind;
     sb_vec3 low, high;
     sb_surface *surface;
-    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
+    reg_kdtree *tree; /* of a cloud; NULL for a surface */
     int point_count;
-    sb_vec3 *points;        /* of the cloud */
-    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
-    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
+    sb_vec3 *points;       /* of the cloud */
+    sb_vec3 *normals;      /* of the cloud, unit or 0; NULL: none */
+    unsigned char *border; /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
     regi_field_grid grid;
 };
 
@@ -3699,9 +3699,9 @@ enum {
     REGI_ICP_COOKIE = 0x72696370,
     REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
     REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 600,     /* points of a shape in the search */
-    REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
-    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
+    REGI_ICP_FINE = 600,    /* points of a shape in the search */
+    REGI_ICP_SPIRAL = 400,  /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10, /* rounds without a smaller mean distance */
     REGI_ICP_STAGES = 3
 };
 
@@ -3750,16 +3750,16 @@ typedef struct regi_icp_side {
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
-    int fitted;            /* normals were fitted, and may all point the wrong way */
+    int fitted; /* normals were fitted, and may all point the wrong way */
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights;
-    regi_icp_set sample;   /* of the last stage */
-    regi_icp_set spread;   /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample; /* of the last stage */
+    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
-    sb_mat3 axes;          /* columns: principal axes, turned the way the points are skewed */
-    sb_real size;          /* m, rms distance from the centre */
+    sb_mat3 axes; /* columns: principal axes, turned the way the points are skewed */
+    sb_real size; /* m, rms distance from the centre */
 } regi_icp_side;
 
 typedef struct regi_icp_pairs {
@@ -4052,14 +4052,14 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
 
 /* How a stage works. */
 typedef struct regi_icp_stage {
-    int coarse;            /* among the spread points instead of all */
-    int points;            /* of a set that look */
+    int coarse; /* among the spread points instead of all */
+    int points; /* of a set that look */
     reg_icp_metric metric;
     reg_outliers outliers;
     sb_real parameter;
-    sb_real reach;         /* m */
-    sb_real lost;          /* m: what an outlier counts in the score; 0: no score wanted */
-    int flip;              /* -1: the normals of one of the sides point the wrong way */
+    sb_real reach; /* m */
+    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;      /* -1: the normals of one of the sides point the wrong way */
 } regi_icp_stage;
 
 /* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
@@ -4097,7 +4097,8 @@ static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_s
 {
     int count = pairs->count - first;
     sb_real limit = reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter,
-                                      pairs->scratch), sum = 0;
+                                      pairs->scratch),
+            sum = 0;
     for (int i = first; i < pairs->count; i++) {
         if (!(pairs->distance[i] <= limit))
             pairs->weight[i] = 0;
@@ -4310,8 +4311,8 @@ static sb_mat3 regi_icp_spiral(int i, int n)
     sb_real sa, ca, sb, cb;
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.4142135623730951, pi2), &sa, &ca);
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.533751168755204288, pi2), &sb, &cb);
-    return sb_quat_to_mat3(sb_quat_normalise(
-        sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
+    return sb_quat_to_mat3(
+        sb_quat_normalise(sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
 }
 
 /* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
@@ -4409,11 +4410,12 @@ static int regi_icp_candidates(const regi_icp *icp, const reg_rigid *start, regi
 
 static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stage *last, int *tried)
 {
-    static const regi_icp_round plan[REGI_ICP_STAGES] = {
-        {60, 3, 24, REG_ICP_POINT}, {250, 8, 4, REG_ICP_PLANE}, {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
+    static const regi_icp_round plan[REGI_ICP_STAGES] = {{60, 3, 24, REG_ICP_POINT},
+                                                         {250, 8, 4, REG_ICP_PLANE},
+                                                         {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
     int most = 2 * (2 + 24 + REGI_ICP_SPIRAL), count, converged;
-    regi_icp_candidate *candidates =
-        (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most, sizeof(regi_icp_candidate));
+    regi_icp_candidate *candidates = (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most,
+                                                                     sizeof(regi_icp_candidate));
     regi_icp_stage stage = *last;
     if (!candidates)
         return regi_icp_no_memory(icp);
@@ -4657,30 +4659,30 @@ typedef struct regi_cpd_best {
 /* One evaluation of all P_mn. */
 typedef struct regi_cpd_expectation {
     const regi_cpd_cloud *target;
-    const regi_cpd_cloud *source;  /* boxes: of the moved points */
-    const regi_cpd_block *moved;   /* [source blocks] */
-    double sigma2, outlier;        /* outlier: c, in the sum beside the Gaussians */
-    double tolerance;              /* share of each target point that may be left out */
-    regi_cpd_sums *sums;           /* [CHUNKS][source blocks]; the first row becomes the result */
+    const regi_cpd_cloud *source;            /* boxes: of the moved points */
+    const regi_cpd_block *moved;             /* [source blocks] */
+    double sigma2, outlier;                  /* outlier: c, in the sum beside the Gaussians */
+    double tolerance;                        /* share of each target point that may be left out */
+    regi_cpd_sums *sums;                     /* [CHUNKS][source blocks]; the first row becomes the result */
     regi_cpd_totals totals[REGI_CPD_CHUNKS]; /* likewise */
-    double (*terms)[REGI_CPD_LANES]; /* [CHUNKS][source blocks] */
-    int *near_blocks;              /* [CHUNKS][source blocks] */
-    regi_cpd_best *best;           /* [source blocks], or NULL: not wanted */
+    double (*terms)[REGI_CPD_LANES];         /* [CHUNKS][source blocks] */
+    int *near_blocks;                        /* [CHUNKS][source blocks] */
+    regi_cpd_best *best;                     /* [source blocks], or NULL: not wanted */
 } regi_cpd_expectation;
 
 /* The factor of the kernel, G = L L^T to the tolerance, by columns. */
 typedef struct regi_cpd_kernel {
     sb_allocator allocator;
     int rank, capacity;
-    size_t rows;         /* source points, filled up to whole blocks; those rows are 0 */
-    double inverse;      /* 1 / (2 beta^2) */
-    double *columns;     /* [capacity][rows] */
-    int *pivots;         /* [capacity] rows */
-    double *diagonal;    /* [rows] what is left of the diagonal; -1: a pivot */
-    double *system;      /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
-    double *scaled;      /* [rank][REGI_CPD_SLICE] */
+    size_t rows;      /* source points, filled up to whole blocks; those rows are 0 */
+    double inverse;   /* 1 / (2 beta^2) */
+    double *columns;  /* [capacity][rows] */
+    int *pivots;      /* [capacity] rows */
+    double *diagonal; /* [rows] what is left of the diagonal; -1: a pivot */
+    double *system;   /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
+    double *scaled;   /* [rank][REGI_CPD_SLICE] */
     size_t stride;
-    double *weights[3];  /* [stride] c: T = Y + L c */
+    double *weights[3]; /* [stride] c: T = Y + L c */
 } regi_cpd_kernel;
 
 #if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -4879,12 +4881,13 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     int lane = index % REGI_CPD_LANES;
     size_t first = (size_t)chunk * (size_t)e->source->blocks;
     const int *blocks = e->near_blocks + first;
-    double (*terms)[REGI_CPD_LANES] = e->terms + first;
+    double(*terms)[REGI_CPD_LANES] = e->terms + first;
     double at[3], least, sum, depth, factor;
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
+    if (e->outlier > 0 &&
+        (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }
@@ -5051,8 +5054,8 @@ static void regi_cpd_add_column(regi_cpd_kernel *kernel, const regi_cpd_cloud *s
     for (int b = 0; b < source->blocks; b++)
         for (int l = 0; l < REGI_CPD_LANES; l++) {
             const regi_cpd_block *p = source->points + b;
-            column[(size_t)b * REGI_CPD_LANES + (size_t)l] =
-                regi_cpd_gauss(at, p->x[l], p->y[l], p->z[l], kernel->inverse);
+            column[(size_t)b * REGI_CPD_LANES + (size_t)l] = regi_cpd_gauss(at, p->x[l], p->y[l], p->z[l],
+                                                                            kernel->inverse);
         }
     for (int j = 0; j < kernel->rank; j++) {
         const double *before = kernel->columns + (size_t)j * kernel->rows;
@@ -5307,13 +5310,13 @@ struct reg_cpd {
     reg_cpd_info info;
     int count;
     regi_cpd_frame source, target;
-    regi_cpd_affine map;           /* the identity when non-rigid */
-    double inverse;                /* 1 / (2 beta^2) */
-    double (*centres)[3];          /* [rank] pivots in the source's frame */
-    double (*weights)[3];          /* [rank] */
-    sb_vec3 *moved;                /* [count] */
-    int *partners;                 /* [count] */
-    sb_real *probabilities;        /* [count] */
+    regi_cpd_affine map;    /* the identity when non-rigid */
+    double inverse;         /* 1 / (2 beta^2) */
+    double (*centres)[3];   /* [rank] pivots in the source's frame */
+    double (*weights)[3];   /* [rank] */
+    sb_vec3 *moved;         /* [count] */
+    int *partners;          /* [count] */
+    sb_real *probabilities; /* [count] */
     void *memory;
 };
 
@@ -5328,14 +5331,14 @@ typedef struct regi_cpd_run {
     double landmark_weight;       /* 1 / sigma^2 of the landmarks, in the target's frame */
     double *p, *r[3];             /* [rows] P and P X - P Y, with landmarks */
     regi_cpd_affine map;
-    double sigma2, energy;        /* energy: |L^T W|^2 */
+    double sigma2, energy; /* energy: |L^T W|^2 */
     regi_cpd_kernel kernel;
     regi_cpd_expectation e;
     reg_cpd_info info;
-    double start;                 /* s */
-    sb_vec3 *sort_points;         /* [larger count] */
-    uint32_t *sort_scratch;       /* [3 larger count] */
-    int *slot_of;                 /* [source count] */
+    double start;           /* s */
+    sb_vec3 *sort_points;   /* [larger count] */
+    uint32_t *sort_scratch; /* [3 larger count] */
+    int *slot_of;           /* [source count] */
     void *memory;
 } regi_cpd_run;
 

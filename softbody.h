@@ -796,33 +796,33 @@ typedef SB_REAL sb_real;
  * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
 typedef enum sb_result {
     SB_OK = 0,
-    SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
-    SB_ERROR_ARGUMENT = -2,      /* null pointer, count, enum or parameter outside its documented range */
-    SB_ERROR_NOT_FINITE = -3,    /* NaN or infinity in an input */
-    SB_ERROR_INDEX = -4,         /* node, element or region index out of range */
-    SB_ERROR_FILE = -5,          /* a file cannot be opened, read or written */
-    SB_ERROR_FORMAT = -6,        /* a file breaks the rules of its format */
-    SB_ERROR_UNSUPPORTED = -7,   /* valid, but outside what this library reads or solves */
-    SB_ERROR_MESH = -8,          /* inverted, flat or degenerate element, repeated node, empty mesh */
-    SB_ERROR_MATERIAL = -9,      /* material parameters outside their range */
-    SB_ERROR_UNCONSTRAINED = -10,/* a static problem whose supports leave a rigid motion free */
-    SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
-    SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
-    SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
-    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
+    SB_ERROR_MEMORY = -1,         /* the allocator returned NULL, or a size does not fit size_t */
+    SB_ERROR_ARGUMENT = -2,       /* null pointer, count, enum or parameter outside its documented range */
+    SB_ERROR_NOT_FINITE = -3,     /* NaN or infinity in an input */
+    SB_ERROR_INDEX = -4,          /* node, element or region index out of range */
+    SB_ERROR_FILE = -5,           /* a file cannot be opened, read or written */
+    SB_ERROR_FORMAT = -6,         /* a file breaks the rules of its format */
+    SB_ERROR_UNSUPPORTED = -7,    /* valid, but outside what this library reads or solves */
+    SB_ERROR_MESH = -8,           /* inverted, flat or degenerate element, repeated node, empty mesh */
+    SB_ERROR_MATERIAL = -9,       /* material parameters outside their range */
+    SB_ERROR_UNCONSTRAINED = -10, /* a static problem whose supports leave a rigid motion free */
+    SB_ERROR_INVERTED = -11,      /* an element turned inside out where the material does not allow it */
+    SB_ERROR_DIVERGED = -12,      /* a solve found no acceptable step, or NaN appeared; the state was restored */
+    SB_ERROR_NOT_CONVERGED = -13, /* an iteration limit was reached before the tolerance */
+    SB_ERROR_INDEFINITE = -14,    /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15,         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16      /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
  * or leave uninitialised, a failing call writes every field. */
 typedef struct sb_error {
     sb_result result;
-    int line;            /* line in `file`, from 1; 0 when there is none */
-    int element;         /* element index, or -1 */
-    int node;            /* node index, or -1 */
-    char file[256];      /* path as given, cut at the front when longer */
-    char message[256];   /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
+    int line;          /* line in `file`, from 1; 0 when there is none */
+    int element;       /* element index, or -1 */
+    int node;          /* node index, or -1 */
+    char file[256];    /* path as given, cut at the front when longer */
+    char message[256]; /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
 } sb_error;
 
 /* Name of a result, e.g. "SB_ERROR_MEMORY"; never NULL. Thread-safe, static storage. */
@@ -2269,9 +2269,9 @@ SB_INLINE int sb_m3_spd_inverse(sb_mat3 a, sb_mat3 *inverse)
  * whose weights do not sum to 1 is no point, but works too. */
 typedef struct sb_mapping {
     int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
+    const int *row_start;   /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;       /* [row_start[row_count]] */
+    const sb_real *weights; /* [row_start[row_count]] */
 } sb_mapping;
 
 /* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
@@ -2350,12 +2350,9 @@ SB_INLINE sb_element_type sbi_element_type_or_pinned(sb_element_type type)
 /* 1 for a volume type that this build simulates, else 0. */
 SB_INLINE int sbi_element_is_enabled(sb_element_type type)
 {
-    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) ||
-           (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) ||
-           (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
+    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) || (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) || (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) || (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
 }
 
 /* ---- counts ----------------------------------------------------------------------------------------------
@@ -2401,10 +2398,7 @@ SB_INLINE sb_element_type sb_element_straight(sb_element_type type)
     return SB_NO_ELEMENT;
 }
 /* Corners per element; they are the first nodes. */
-SB_INLINE int sb_element_corner_count(sb_element_type type)
-{
-    return sb_element_node_count(sb_element_straight(type));
-}
+SB_INLINE int sb_element_corner_count(sb_element_type type) { return sb_element_node_count(sb_element_straight(type)); }
 /* 2 for a surface, 3 for a volume. */
 SB_INLINE int sb_element_dimension(sb_element_type type)
 {
@@ -2432,8 +2426,7 @@ SB_API const char *sb_element_name(sb_element_type type);
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
  * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written)
  * for no such face. */
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type);
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 
 /* Local node numbers of edge `edge` in [0, edge_count): both ends, then the node between them or -1. Returns
  * the number of nodes on the edge (2 or 3), 0 (nothing written) for no such edge. */
@@ -2448,8 +2441,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3]);
 
 /* Shape functions N and their gradients dN/dxi at xi. shape: [nodes] or NULL; gradient: [nodes][3] or NULL,
  * the third component 0 for surfaces. Nothing is written for an unknown type. */
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3]);
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
 
 /* ---- quadrature -----------------------------------------------------------------------------------------*/
 
@@ -2491,18 +2483,18 @@ typedef struct sb_element_table {
      * steps from the job's threads; same xi, same numbers. Gradients at nodes may be anything where they have no
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
-    const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+    const void *user;           /* handed to shape */
+    int point_count;            /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
                                       * element has motions that cost nothing (hex8 needs 8, not 1) */
-    const sb_real (*points)[3];      /* [point_count] parameters */
-    const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
-    int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
-    const sb_real (*mass_points)[3]; /* [mass_point_count] */
-    const sb_real *mass_weights;     /* [mass_point_count] */
-    int face_count;                  /* in [4, SB_MAX_ELEMENT_FACES] */
+    const sb_real (*points)[3]; /* [point_count] parameters */
+    const sb_real *weights;     /* [point_count] > 0; their sum is the volume of the parameter domain */
+    int mass_point_count;       /* points of the mass; a rule that is exact for products of shape functions */
+    const sb_real (*mass_points)[3];    /* [mass_point_count] */
+    const sb_real *mass_weights;        /* [mass_point_count] */
+    int face_count;                     /* in [4, SB_MAX_ELEMENT_FACES] */
     const sb_element_table_face *faces; /* [face_count]; together they close around the element. Edges follow from
                                          * them */
-    int vtk_type;                    /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
+    int vtk_type;                       /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
                                       * meshes cannot be written */
 } sb_element_table;
 
@@ -2531,9 +2523,9 @@ typedef struct sb_mesh {
     sb_vec3 *nodes; /* [node_count] positions (m) */
     sb_element_type element_type;
     int element_count;
-    int *elements;          /* [element_count][nodes per element] node indices */
-    int *regions;           /* [element_count] material region of each element, or NULL: all 0 */
-    sb_allocator allocator; /* what the arrays came from; zeros: malloc */
+    int *elements;                 /* [element_count][nodes per element] node indices */
+    int *regions;                  /* [element_count] material region of each element, or NULL: all 0 */
+    sb_allocator allocator;        /* what the arrays came from; zeros: malloc */
     const sb_element_table *table; /* of SB_CUSTOM elements; borrowed, also by copies and bodies. Others: not read */
 } sb_mesh;
 
@@ -2555,8 +2547,7 @@ SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
 SB_API void sb_mesh_free(sb_mesh *mesh);
 
 /* Deep copy with memory from `allocator`. */
-SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
-                              sb_error *error);
+SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy, sb_error *error);
 
 /* Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers
  * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
@@ -2600,21 +2591,21 @@ typedef struct sb_mesh_report {
     int defect_count[SB_MESH_DEFECT_COUNT]; /* elements per sb_mesh_defect; [0] the sound ones */
     int not_finite_nodes;                   /* nodes with a NaN or infinite coordinate */
     int first_not_finite_node;              /* or -1 */
-    int unreferenced_nodes;      /* nodes of no element: a stiffness matrix with them is singular */
-    int first_unreferenced_node; /* or -1 */
-    int duplicate_nodes;         /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
-    int components;              /* parts that share no node; each needs supports of its own */
-    sb_real volume; /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
-    sb_real area;   /* m^2: surfaces; 0 for volumes */
+    int unreferenced_nodes;                 /* nodes of no element: a stiffness matrix with them is singular */
+    int first_unreferenced_node;            /* or -1 */
+    int duplicate_nodes;                    /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
+    int components;                         /* parts that share no node; each needs supports of its own */
+    sb_real volume;             /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
+    sb_real area;               /* m^2: surfaces; 0 for volumes */
     sb_real min_edge, max_edge; /* m, straight corner to corner */
-    sb_real worst_quality;    /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
-    int worst_element;        /* its element, or -1 */
-    int boundary_faces;       /* volumes: faces of one element only */
-    int nonmanifold_faces;    /* volumes: faces of more than two elements */
-    int open_edges;           /* surfaces: edges of one element only; 0: closed */
-    int nonmanifold_edges;    /* surfaces: edges of more than two elements */
-    int inconsistent_edges;   /* surfaces: edges whose two elements are oriented against each other */
-    int nonmanifold_vertices; /* surfaces: nodes where parts touch in a point */
+    sb_real worst_quality;      /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
+    int worst_element;          /* its element, or -1 */
+    int boundary_faces;         /* volumes: faces of one element only */
+    int nonmanifold_faces;      /* volumes: faces of more than two elements */
+    int open_edges;             /* surfaces: edges of one element only; 0: closed */
+    int nonmanifold_edges;      /* surfaces: edges of more than two elements */
+    int inconsistent_edges;     /* surfaces: edges whose two elements are oriented against each other */
+    int nonmanifold_vertices;   /* surfaces: nodes where parts touch in a point */
     sb_allocator allocator;
 } sb_mesh_report;
 
@@ -2706,31 +2697,28 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
                                   sb_boundary *boundary, sb_error *error);
 /* Neighbour of each element across each face (surfaces: across each edge), [elements][faces or edges]; -1
  * where there is none or more than one. */
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error);
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error);
 /* Every edge once, corner to corner, [edges][2] with the smaller node first, sorted. */
 SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *edges,
                                sb_error *error);
 /* The elements of each node, ascending. */
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error);
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error);
 /* Part number of each element, [elements][1], from 0 in the order of their first element; elements that share
  * a node belong together. *count (or NULL): number of parts. */
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error);
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error);
 
 /* ---- conversions --------------------------------------------------------------------------------------- */
 
 /* The tet10 mesh with straight edges of a tet4 mesh: old nodes first, then one node per edge. Regions are
  * kept. */
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error);
 /* The hex20 or hex27 mesh with straight edges of a hex8 mesh: old nodes first, then one node per edge, and for hex27
  * one per face and one per element, each in the middle. Regions are kept. */
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error);
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error);
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error);
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. Worth a call before a body is made of a mesh: a tangent of 9,600 tet10 is assembled in three
  * quarters of the time it takes with nodes as sb_mesh_beam numbers them, and in less than along a
@@ -2764,19 +2752,19 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
 
 /* Box from the origin to `size` (m, each > 0) of nx * ny * nz cells (each >= 1); a cell is 1 hex or 6 tets
  * (Kuhn's). Corner nodes are numbered with x fastest, then y. */
-SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size,
-                              const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size, const sb_allocator *allocator,
+                              sb_mesh *mesh, sb_error *error);
 
 /* Solid cylinder of `radius` and `length` (m, > 0) around coordinate axis 0 (x), 1 (y) or 2 (z), from 0 to
  * length along it. across: cells over the diameter in [4, 20000], along >= 1: layers. Boundary nodes lie on
  * the cylinder, so the volume is too small by O(1/across^2). Nodes are numbered layer by layer. */
-SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across,
-                                  int along, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across, int along,
+                                  const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
 
 /* Solid ellipsoid around the origin with semi-axes (m, each > 0); cells over each diameter in [4, 500].
  * Boundary nodes lie on the ellipsoid. */
-SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells,
-                                   const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells, const sb_allocator *allocator,
+                                   sb_mesh *mesh, sb_error *error);
 
 /* A solid like a human liver for demonstrations: 1.5 litre (1.2 at 4 cells), 20 cm wide (x, the thick right
  * lobe at negative x), dome above (z up), hollow below, a notch in the front edge (negative y). cells in [4,
@@ -2854,7 +2842,7 @@ typedef struct sb_mesh_set {
     int element_count;
     int *elements; /* [element_count] elements of the mesh, ascending; when dimension is that of the mesh */
     int face_count, face_corners;
-    int *faces;    /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
+    int *faces; /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
                     * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
                     * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut alike */
     int node_count;
@@ -2921,8 +2909,7 @@ SB_API sb_load_options sb_default_load_options(void);
  * SB_ERROR_ARGUMENT (null pointer, options), _FILE (cannot be read), _FORMAT, _NOT_FINITE (coordinate, also
  * one too large for sb_real), _INDEX (node that does not exist), _MESH (inverted or flat elements, no
  * elements), _UNSUPPORTED (names the version, data set or element type) or _MEMORY. */
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error);
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error);
 
 /* Reads a mesh from memory, as sb_mesh_load does from a file.
  *
@@ -2952,11 +2939,11 @@ typedef struct sb_field {
 /* Writes a legacy VTK 3.0 unstructured grid in ASCII, with fields, and mesh->regions as the cell field
  * `region`. The numbers are exact: %.17g (%.9g when sb_real is float). fields may be NULL when field_count
  * is 0. */
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error);
 /* The same in VTK's big-endian binary form: smaller, faster, exact. */
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error);
 
 /* Surfaces of tri3 or quad4; other meshes are SB_ERROR_UNSUPPORTED (a volume: see sb_mesh_boundary). */
 
@@ -3057,8 +3044,8 @@ enum { SB_LABEL_MAX_SMOOTHING = 8 };
 
 /* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
 typedef struct sb_label_def {
-    const sb_image *image;  /* borrowed */
-    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    const sb_image *image; /* borrowed */
+    const int *labels;     /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
     int label_count;
     int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
                              * steps. n: steps of up to about 2 n voxels length become slopes */
@@ -3067,10 +3054,10 @@ typedef struct sb_label_def {
 } sb_label_def;
 
 typedef struct sb_label_report {
-    int voxels;             /* that are inside */
-    sb_real voxel_volume;   /* m^3 of them */
-    sb_real volume;         /* m^3 that the surface encloses */
-    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+    int voxels;           /* that are inside */
+    sb_real voxel_volume; /* m^3 of them */
+    sb_real volume;       /* m^3 that the surface encloses */
+    int held_voxels;      /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
 } sb_label_report;
 
 SB_API sb_label_def sb_default_label_def(void);
@@ -3243,18 +3230,18 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 /* ---- checks ---------------------------------------------------------------------------------------------------------
  * A surface bounds a solid when every point is clearly inside or outside. What can stand against it: */
 typedef enum sb_surface_finding {
-    SB_SURFACE_OPEN_EDGES = 1,         /* edges of one face only: holes, or borders that were never welded */
-    SB_SURFACE_FLIPPED = 2,            /* edges whose two faces are oriented against each other */
-    SB_SURFACE_NONMANIFOLD_EDGES = 4,  /* edges of more than two faces */
-    SB_SURFACE_NONMANIFOLD_NODES = 8,  /* nodes where parts touch in a point */
-    SB_SURFACE_DEGENERATE = 16,        /* faces without area, or with a node twice */
-    SB_SURFACE_DUPLICATES = 32,        /* faces with the corners of one before them */
-    SB_SURFACE_UNWELDED = 64,          /* nodes within 1e-6 of the surface's size of another */
-    SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
-    SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
-    SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
-    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
+    SB_SURFACE_OPEN_EDGES = 1,        /* edges of one face only: holes, or borders that were never welded */
+    SB_SURFACE_FLIPPED = 2,           /* edges whose two faces are oriented against each other */
+    SB_SURFACE_NONMANIFOLD_EDGES = 4, /* edges of more than two faces */
+    SB_SURFACE_NONMANIFOLD_NODES = 8, /* nodes where parts touch in a point */
+    SB_SURFACE_DEGENERATE = 16,       /* faces without area, or with a node twice */
+    SB_SURFACE_DUPLICATES = 32,       /* faces with the corners of one before them */
+    SB_SURFACE_UNWELDED = 64,         /* nodes within 1e-6 of the surface's size of another */
+    SB_SURFACE_INSIDE_OUT = 128,      /* closed parts that look inward, and are not the walls of a cavity */
+    SB_SURFACE_SELF_CROSSING = 256,   /* pairs of triangles that pass through each other or overlap in a plane */
+    SB_SURFACE_UNREFERENCED = 512,    /* nodes of no face */
+    SB_SURFACE_SEVERAL_PARTS = 1024,  /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_CROWDED = 2048         /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
                                         * size, and that do not cross those looked at: the rest were not looked at */
 } sb_surface_finding;
 
@@ -3273,13 +3260,13 @@ typedef struct sb_surface_place {
 } sb_surface_place;
 
 typedef struct sb_surface_report {
-    int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
+    int findings;                                     /* sum of the sb_surface_finding whose count is not 0 */
     sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
-    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
+    int crossings_partial;                            /* 1: more pairs may cross than were counted. Counting ends at 16
                                                     * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
-    int parts;                                     /* parts that share no node */
-    sb_real volume;                                /* m^3 enclosed; meaningful when closed */
-    sb_real area;                                  /* m^2 */
+    int parts;                                        /* parts that share no node */
+    sb_real volume;                                   /* m^3 enclosed; meaningful when closed */
+    sb_real area;                                     /* m^2 */
 } sb_surface_report;
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
@@ -3318,10 +3305,10 @@ typedef struct sb_surface_repair_report {
     int merged_nodes, removed_nodes;
     int removed_degenerate; /* faces without area taken out */
     int removed_duplicates;
-    int flipped_edges;      /* of pairs of triangles: how faces without area but with three nodes are got rid of */
+    int flipped_edges; /* of pairs of triangles: how faces without area but with three nodes are got rid of */
     int turned_faces;
     int filled_holes, added_faces;
-    int left_holes;         /* holes too long, or with a border that touches itself; -1 when none were looked for */
+    int left_holes; /* holes too long, or with a border that touches itself; -1 when none were looked for */
 } sb_surface_repair_report;
 
 SB_API sb_surface_repair_def sb_default_surface_repair(void);
@@ -3342,10 +3329,10 @@ typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
 typedef struct sb_shape {
     const sb_surface *surface; /* or NULL, then `distance` is called. Borrowed for the call that takes the shape */
     sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+    void *user;        /* handed to `distance` */
+    sb_real max_slope; /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
                                 * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside */
+    int region;        /* of the elements inside */
 } sb_shape;
 
 
@@ -3372,34 +3359,34 @@ typedef struct sb_shape {
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_shape *shapes;       /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
+    const sb_shape *shapes; /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
                                    * where the winding number says so) */
-    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
-    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+    int shape_count;        /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;      /* box (m) that the first shape is sampled in and cut off at; not read where that is a
                                    * surface, which brings its own */
-    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
-    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
-    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
-    int max_elements;             /* more than that are refused; default 20 million */
-    sb_real least_share;          /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
+    sb_real cell;           /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;             /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;   /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;       /* more than that are refused; default 20 million */
+    sb_real least_share;    /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
                                    * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0: whatever
                                    * comes out is taken */
     int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
                                                    * a result other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
-    sb_jobs jobs;                 /* of sampling; default inline */
-    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;           /* of sampling; default inline */
+    unsigned cookie;        /* set by sb_default_stuff_def; a def made without it is refused */
 } sb_stuff_def;
 
 /* What came out. */
 typedef struct sb_stuff_report {
-    int cells[3];            /* of the lattice, along x, y, z */
+    int cells[3]; /* of the lattice, along x, y, z */
     int node_count, element_count;
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
+    sb_real distance; /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
                               * its triangles; functions: to where a few Newton steps end */
-    sb_real volume;          /* m^3 */
+    sb_real volume;   /* m^3 */
     /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact but
      * where they overlap themselves, which counts twice; functions: of a sample of points), and share of its surface
      * within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies inside). */
@@ -3480,16 +3467,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;              /* shear modulus [Pa], > 0 */
-    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
-    sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
-    sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real density;                       /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;                        /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;                            /* shear modulus [Pa], > 0 */
+    sb_real c10;                           /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;                            /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;                           /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;                      /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real fibre_stiffness;               /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;                /* k2, >= 0 */
+    int prony_count;                       /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -3518,8 +3505,7 @@ SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb
 SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
 /* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
  * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density);
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
@@ -3529,8 +3515,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -3590,8 +3575,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * stretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by
  * less than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does
  * not divide by it. */
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81]);
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81]);
 
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
@@ -3621,8 +3606,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -3637,10 +3622,7 @@ SB_API sb_real sb_von_mises(sb_mat3 sigma);
  * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. */
 
 /* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i) { return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]); }
 
 /* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
 SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
@@ -3767,8 +3749,7 @@ SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat
 SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
 
 /* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v, sb_tangent_kind kind)
 {
     sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
     sb_mat3 spin;
@@ -3780,8 +3761,8 @@ SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, 
             z[k] = sb_max(z[k], 0);
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
-            spin.m[i][j] = spin.m[j][i] =
-                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
+            spin.m[i][j] = spin.m[j][i] = z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] +
+                                          z[2] * v.m[i][2] * v.m[j][2];
     return spin;
 }
 
@@ -3841,8 +3822,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
     }
 }
 
-SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                            const sb_tangent_kind kind, sb_real *A)
 {
     sbi_corotation c = sbi_corotate(model, F, rotation);
     sb_real kappa;
@@ -4000,11 +3981,9 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -4155,11 +4134,11 @@ SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi
         sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
         out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
                                (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
-        out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) *
-                product +
-            c->zeta * s[j] * s[k];
+        out->stretch.m[j][k] = out->stretch.m[k][j] = (c->beta * (squares[j] + squares[k]) +
+                                                       theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+                                                       c->gamma) *
+                                                          product +
+                                                      c->zeta * s[j] * s[k];
         out->same[i] = c->alpha + c->second * squares[i];
         out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
@@ -4178,8 +4157,8 @@ SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_
 }
 
 /* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
+SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F, const sb_real *s,
+                                       sbi_principal *out)
 {
     sbi_barrier c;
     if (model == SB_SVK)
@@ -4248,8 +4227,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);
@@ -4409,29 +4388,29 @@ typedef struct sb_test_point {
 } sb_test_point;
 
 typedef struct sb_fit_options {
-    int order;       /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
-    int relative;    /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+    int order;        /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;     /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
                          0: errors in Pa, so that large stresses rule */
-    int nonnegative; /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int nonnegative;  /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
     int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
                          Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
-    sb_real poisson; /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
-    sb_real d1;      /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
-    sb_real density; /* [kg/m^3] > 0 of the result. Default 1000 */
+    sb_real poisson;  /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;       /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density;  /* [kg/m^3] > 0 of the result. Default 1000 */
 } sb_fit_options;
 
 SB_API sb_fit_options sb_default_fit_options(void);
 
 typedef struct sb_fit_info {
-    int points;     /* readings that counted */
-    int constants;  /* constants fitted; Prony: terms kept */
-    int iterations; /* least-squares solves */
-    sb_real rms;    /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    int points;        /* readings that counted */
+    int constants;     /* constants fitted; Prony: terms kept */
+    int iterations;    /* least-squares solves */
+    sb_real rms;       /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
     sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
     /* The least part of a constant's influence that is its own, of 1: below 0.01 the constants answer for
      * each other, so that noise moves them far. */
     sb_real weakest;
-    int stable;  /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    int stable; /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
     sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
     sb_real unstable_strain;
 } sb_fit_info;
@@ -4455,8 +4434,8 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
  * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error);
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error);
 
 #endif /* SB_MATERIAL_FIT_H */
 
@@ -4982,69 +4961,66 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
  *     def.domain = &grid.domain;
  * Supports and loads act on points of the surface, through rows of node weights (sb_grid_map_points, _map_surface). */
 
-typedef enum sb_grid_method {
-    SB_GRID_SPARSE = 1,
-    SB_GRID_FINITE_CELL = 2,
-    SB_GRID_WEIGHTED_CELL = 3
-} sb_grid_method;
+typedef enum sb_grid_method { SB_GRID_SPARSE = 1, SB_GRID_FINITE_CELL = 2, SB_GRID_WEIGHTED_CELL = 3 } sb_grid_method;
 
 enum {
-    SB_GRID_EMPTY = -1,     /* region of a shape that is a hole */
+    SB_GRID_EMPTY = -1,      /* region of a shape that is a hole */
     SB_GRID_MAX_SHAPES = 30, /* the outer one and the inner ones */
     SB_GRID_MAX_LEVEL = 8
 };
 
 /* What a grid is made from. Start from sb_default_grid_def(). */
 typedef struct sb_grid_def {
-    sb_grid_method method;        /* default SB_GRID_WEIGHTED_CELL */
-    int level;                    /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
+    sb_grid_method method;  /* default SB_GRID_WEIGHTED_CELL */
+    int level;              /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
                                    * More than 3 hardly changes weighted cells; finite cells have four times the points
                                    * with each level */
-    sb_shape outer;               /* the body */
-    const sb_shape *inner;        /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
+    sb_shape outer;         /* the body */
+    const sb_shape *inner;  /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
                                    * SB_GRID_EMPTY. Where they overlap, the
                                    * last one counts; what sticks out of the outer shape does not */
-    int inner_count;              /* at most SB_GRID_MAX_SHAPES - 1 */
-    sb_vec3 low, high;            /* box that the grid is to cover (m); equal (default): that of outer.surface */
-    int cells;                    /* cells along the longest side of the box, in [1, 2000]; default 10. They are cubes, and
+    int inner_count;        /* at most SB_GRID_MAX_SHAPES - 1 */
+    sb_vec3 low, high;      /* box that the grid is to cover (m); equal (default): that of outer.surface */
+    int cells;              /* cells along the longest side of the box, in [1, 2000]; default 10. They are cubes, and
                                    * the grid is centred round the box */
-    sb_real cell_size;            /* edge of a cell (m) instead; 0 (default): from `cells` */
-    int counts[3];                /* cells along each axis instead, so that the grid is the box and its cells need not be
+    sb_real cell_size;      /* edge of a cell (m) instead; 0 (default): from `cells` */
+    int counts[3];          /* cells along each axis instead, so that the grid is the box and its cells need not be
                                    * cubes; 0 (default): from the above */
-    sb_real void_stiffness;       /* share of the stiffness that points outside keep, [0, 1); default 1e-4. It holds what
+    sb_real void_stiffness; /* share of the stiffness that points outside keep, [0, 1); default 1e-4. It holds what
                                    * hangs on nearly nothing. 0 may leave the tangent singular. Has no mass */
-    sb_real least_share;          /* cells with less of their volume inside are dropped, [0, 1); default 0: only those in
+    sb_real least_share;    /* cells with less of their volume inside are dropped, [0, 1); default 0: only those in
                                    * which no point was found inside */
-    int max_points;               /* finite cells: more points (with those of uncut cells) are refused rather than computed
+    int max_points;         /* finite cells: more points (with those of uncut cells) are refused rather than computed
                                    * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
-    sb_allocator allocator;       /* default malloc */
-    sb_jobs jobs;                 /* default inline */
-    int (*progress)(void *user, double share); /* called now and then by the caller's thread with the share of work done,
+    sb_allocator allocator; /* default malloc */
+    sb_jobs jobs;           /* default inline */
+    int (*progress)(void *user,
+                    double share); /* called now and then by the caller's thread with the share of work done,
                                    * in (0, 1]; a result other than 0 cancels. Default NULL */
     void *progress_user;
-    unsigned cookie;              /* set by sb_default_grid_def; a def made without it is refused */
+    unsigned cookie; /* set by sb_default_grid_def; a def made without it is refused */
 } sb_grid_def;
 
 SB_API sb_grid_def sb_default_grid_def(void);
 
 /* A grid. Zero-initialise; release with sb_grid_free. */
 typedef struct sb_grid {
-    sb_mesh mesh;                 /* hex8: the cells that are kept, once each; for pictures and embedding. regions: the one
+    sb_mesh mesh;      /* hex8: the cells that are kept, once each; for pictures and embedding. regions: the one
                                    * with most of the cell */
-    sb_mesh body_mesh;            /* hex8: what a body's elements are. The same nodes; each cell once for every eight points
+    sb_mesh body_mesh; /* hex8: what a body's elements are. The same nodes; each cell once for every eight points
                                    * and for each of its regions */
-    sb_domain domain;             /* points, weights and masses of body_mesh */
-    int *body_cells;              /* [body_mesh.element_count] element of mesh that each belongs to, ascending */
-    sb_real *shares;              /* [mesh.element_count] share of the cell's volume that is inside, (0, 1]; sparse: 1 */
-    sb_vec3 origin;               /* (m) low corner */
-    sb_vec3 cell_size;            /* (m) */
-    int counts[3];                /* cells along each axis, dropped ones included */
-    int *lattice;                 /* [counts[2]][counts[1]][counts[0]] element of mesh, or -1 */
-    int cut_count;                /* elements of mesh that a surface cuts */
+    sb_domain domain;  /* points, weights and masses of body_mesh */
+    int *body_cells;   /* [body_mesh.element_count] element of mesh that each belongs to, ascending */
+    sb_real *shares;   /* [mesh.element_count] share of the cell's volume that is inside, (0, 1]; sparse: 1 */
+    sb_vec3 origin;    /* (m) low corner */
+    sb_vec3 cell_size; /* (m) */
+    int counts[3];     /* cells along each axis, dropped ones included */
+    int *lattice;      /* [counts[2]][counts[1]][counts[0]] element of mesh, or -1 */
+    int cut_count;     /* elements of mesh that a surface cuts */
     int region_count;
-    int *regions;                 /* [region_count] the outer shape's, then others in the order of the inner shapes */
-    sb_real *region_volumes;      /* [region_count] (m^3) */
-    sb_real volume;               /* (m^3) their sum */
+    int *regions;            /* [region_count] the outer shape's, then others in the order of the inner shapes */
+    sb_real *region_volumes; /* [region_count] (m^3) */
+    sb_real volume;          /* (m^3) their sum */
     sb_allocator allocator;
 } sb_grid;
 
@@ -5060,13 +5036,13 @@ SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 
 /* Rows for points of space or of a surface. Release with sb_grid_rows_free. */
 typedef struct sb_grid_rows {
-    sb_mapping rows;              /* eight nodes and weights each, for sb_body_add_mapping and sb_mapping_apply */
-    const int *cells;             /* [row_count] element of grid.mesh */
-    const sb_vec3 *points;        /* [row_count] (m) */
-    const sb_real *areas;         /* [row_count] (m^2) that the point stands for: of sb_grid_map_surface, else NULL */
-    const sb_vec3 *normals;       /* [row_count] unit normals of its triangle; likewise */
-    sb_real farthest;             /* (m) largest distance of a point from the cell it was put to: 0 when all are inside */
-    void *memory;                 /* behind the arrays */
+    sb_mapping rows;        /* eight nodes and weights each, for sb_body_add_mapping and sb_mapping_apply */
+    const int *cells;       /* [row_count] element of grid.mesh */
+    const sb_vec3 *points;  /* [row_count] (m) */
+    const sb_real *areas;   /* [row_count] (m^2) that the point stands for: of sb_grid_map_surface, else NULL */
+    const sb_vec3 *normals; /* [row_count] unit normals of its triangle; likewise */
+    sb_real farthest;       /* (m) largest distance of a point from the cell it was put to: 0 when all are inside */
+    void *memory;           /* behind the arrays */
     sb_allocator allocator;
 } sb_grid_rows;
 
@@ -5074,8 +5050,8 @@ typedef struct sb_grid_rows {
  * functions go on outside: rows give back positions, and carry the force and moment of a load, exactly all the same.
  * SB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell, SB_ERROR_NOT_FINITE
  * one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4, 4.16. */
-SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
-                                    sb_grid_rows *rows, sb_error *error);
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count,
+                                    const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error);
 /* Rows of integration points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh,
  * cut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its pieces
  * with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as above, and
@@ -5460,18 +5436,18 @@ typedef enum sb_embedding_hold {
 } sb_embedding_hold;
 
 typedef struct sb_embedding_def {
-    const sb_mesh *mesh;        /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
+    const sb_mesh *mesh;   /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
                                  * creation only */
-    const sb_vec3 *points;      /* [point_count] points at rest (m); NULL: the nodes of surface */
+    const sb_vec3 *points; /* [point_count] points at rest (m); NULL: the nodes of surface */
     int point_count;
-    const sb_mesh *surface;     /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
-    const sb_vec3 *normals;     /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
+    const sb_mesh *surface; /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
+    const sb_vec3 *normals; /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
                                  * instead of being made from the surface */
-    sb_embedding_kind kind;     /* SB_EMBED_SMOOTH */
-    sb_real max_distance;       /* m; a point farther outside is refused. SB_REAL_MAX: none is */
-    sb_allocator allocator;     /* zeros: malloc */
-    sb_jobs jobs;               /* threads for the creation; zeros: none */
-    unsigned cookie;            /* set by sb_default_embedding_def */
+    sb_embedding_kind kind; /* SB_EMBED_SMOOTH */
+    sb_real max_distance;   /* m; a point farther outside is refused. SB_REAL_MAX: none is */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by sb_default_embedding_def */
 } sb_embedding_def;
 SB_API sb_embedding_def sb_default_embedding_def(void);
 
@@ -6020,8 +5996,7 @@ SB_INLINE int sbi_element_face_count(sbi_element element)
 }
 SBI_API int sbi_element_edge_count(sbi_element element);
 SBI_API const char *sbi_element_name(sbi_element element);
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type);
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
 SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
 SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
@@ -6043,8 +6018,8 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 /* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
 SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator);
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count, int with_regions,
+                              const sb_allocator *allocator);
 /* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
 typedef enum sbi_mesh_part {
     SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
@@ -6201,8 +6176,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 
 /* ==== src/softbody/solve/sparse.h, internal ==== */
 /* y_i = (A x)_i for the rows first <= i < last. */
@@ -6435,8 +6409,7 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
 
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS) && (defined(__AVX__) || SB_REAL_IS_FLOAT)
 #define SBI_HAS_LANES 1
-typedef sb_real sbi_lanes
-    __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
 #else
@@ -6624,7 +6597,7 @@ static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
  * milliseconds or more while no task is left for it. The caller cannot leave without it, so it counts what such loops
  * lose against doing all tasks alone, and where they lose, works alone for several times as long before it tries again.
  * On a machine with nothing else to do no loop loses; on any other the losses stay a small share. */
-enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
+enum { SBI_OPENMP_RANGES = 64 };             /* and threads at most */
 static const double sbi_openmp_alone = 10;   /* seconds of work alone for each second lost */
 static const double sbi_openmp_slice = 1e-3; /* s, shorter than what a system lets one process run before the next */
 static const double sbi_openmp_longest = 1;  /* s of work alone at most, unless one loss was worth more */
@@ -6698,7 +6671,8 @@ static double sbi_openmp_share(int threads, sb_task task, void *task_user, int c
         ranges[omp_get_thread_num()].busy = omp_get_wtime() - begun;
     }
     alone = ranges[0].busy;
-    most = 4 * ranges[0].busy + sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
+    most = 4 * ranges[0].busy +
+           sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
     for (int k = 1; k < threads; k++)
         alone += ranges[k].busy < most ? ranges[k].busy : most;
     return omp_get_wtime() - started - alone;
@@ -6859,7 +6833,7 @@ typedef enum sbi_output_kind {
 #if defined(__cplusplus)
 extern "C"
 #endif
-__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
+    __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
 
 static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
 {
@@ -7172,8 +7146,10 @@ SB_API const char *sb_element_name(sb_element_type type)
 }
 
 /* Outward faces; the first three columns are the faces of tet4. */
-static const signed char sbi_element_tet_faces[4][6] = {
-    {0, 1, 3, 4, 8, 7}, {1, 2, 3, 5, 9, 8}, {2, 0, 3, 6, 7, 9}, {0, 2, 1, 6, 5, 4}};
+static const signed char sbi_element_tet_faces[4][6] = {{0, 1, 3, 4, 8, 7},
+                                                        {1, 2, 3, 5, 9, 8},
+                                                        {2, 0, 3, 6, 7, 9},
+                                                        {0, 2, 1, 6, 5, 4}};
 /* The same of hex27; the first eight columns are those of hex20, the first four those of hex8. */
 static const signed char sbi_element_hex_faces[6][9] = {
     {0, 4, 7, 3, 16, 15, 19, 11, 20}, {1, 2, 6, 5, 9, 18, 13, 17, 21}, {0, 1, 5, 4, 8, 17, 12, 16, 22},
@@ -7207,8 +7183,7 @@ static sb_element_type sbi_element_face_type(sb_element_type type)
     }
 }
 
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type)
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     if (!nodes)
         return 0;
@@ -7290,8 +7265,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
 
 /* Simplex of `dimension` in barycentric coordinates L: N_a = L_a, or with mid-edge nodes N_a = L_a (2 L_a -
  * 1) and N_pq = 4 L_p L_q. dL_0 = (-1, -1, -1), dL_k = unit vector k - 1. */
-static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                                      sb_real (*gradient)[3])
+static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type);
     sb_real bary[4] = {1, 0, 0, 0}, slope[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
@@ -7393,8 +7367,7 @@ static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi
         gradient[a][2] = 0;
 }
 
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3])
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     if (!xi)
         return;
@@ -7452,20 +7425,16 @@ static void sbi_element_rule_tet_edges(sbi_element_rule *rule, double c, double 
 static void sbi_element_rule_triangle(sbi_element_rule *rule, double a, double weight)
 {
     for (int corner = 0; corner < 3; corner++)
-        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a),
-                             (sb_real)(corner == 2 ? 1 - 2 * a : a), 0, (sb_real)(weight / 2));
+        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a), (sb_real)(corner == 2 ? 1 - 2 * a : a), 0,
+                             (sb_real)(weight / 2));
 }
 
 /* Tet rules of degree 1, 2, 3 and 5 with 1, 4, 8 and 14 points (the last is Walkington's). */
 static void sbi_element_rule_tet(sbi_element_rule *rule, int count)
 {
     switch (count) {
-    case 1:
-        sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6));
-        break;
-    case 4: /* a = (5 - sqrt(5)) / 20 */
-        sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25);
-        break;
+    case 1: sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6)); break;
+    case 4: /* a = (5 - sqrt(5)) / 20 */ sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25); break;
     case 8: /* corners and face centroids: all weights positive */
         sbi_element_rule_tet_corners(rule, 0, 1.0 / 40);
         sbi_element_rule_tet_corners(rule, 1.0 / 3, 9.0 / 40);
@@ -7483,8 +7452,7 @@ static void sbi_element_rule_box(sbi_element_rule *rule, int dimension)
 {
     const sb_real g = (sb_real)0.57735026918962576451;
     for (int i = 0; i < (1 << dimension); i++)
-        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g,
-                             dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
+        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g, dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
 }
 
 /* Gauss points -sqrt(3/5), 0, sqrt(3/5) per direction, xi fastest: degree 5. */
@@ -7496,8 +7464,7 @@ static void sbi_element_rule_box3(sbi_element_rule *rule, int dimension)
         int x = i % 3, y = i / 3 % 3, z = i / 9;
         double third = dimension == 2 ? 1 : weight[z];
         sbi_element_rule_add(rule, (sb_real)point[x], (sb_real)point[y],
-                             dimension == 2 ? (sb_real)0 : (sb_real)point[z],
-                             (sb_real)(weight[x] * weight[y] * third));
+                             dimension == 2 ? (sb_real)0 : (sb_real)point[z], (sb_real)(weight[x] * weight[y] * third));
     }
 }
 
@@ -7529,8 +7496,7 @@ static int sbi_element_tet_points(sb_element_type type, sb_quadrature_kind kind)
 }
 
 SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
-                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3],
-                                 sb_real weights[SB_MAX_QUADRATURE_POINTS])
+                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3], sb_real weights[SB_MAX_QUADRATURE_POINTS])
 {
     int dimension = sb_element_dimension(type), tet_points = sbi_element_tet_points(type, kind);
     sbi_element_rule rule;
@@ -7588,8 +7554,7 @@ SBI_API const char *sbi_element_name(sbi_element element)
     return element.table ? element.table->name : sb_element_name(element.type);
 }
 
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type)
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     int count;
     if (!element.table)
@@ -7655,9 +7620,9 @@ static sb_result sbi_element_table_check_counts(const sb_element_table *table, s
     if (!table->name || !table->node_points || !table->shape || !table->points || !table->weights ||
         !table->mass_points || !table->mass_weights || !table->faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %s is NULL", table->name ? table->name : "",
-                        !table->name          ? "name"
-                        : !table->node_points ? "node_points"
-                        : !table->shape       ? "shape"
+                        !table->name                        ? "name"
+                        : !table->node_points               ? "node_points"
+                        : !table->shape                     ? "shape"
                         : !table->points || !table->weights ? "points or weights"
                         : !table->faces                     ? "faces"
                                                             : "mass_points or mass_weights");
@@ -7824,8 +7789,9 @@ static sb_result sbi_element_table_check_sums(const sb_element_table *table, con
         }
     }
     if (!(sb_abs(sum - 1) <= tolerance))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1",
-                        table->name, (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1", table->name,
+                        (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
     for (int k = 0; k < 3; k++) {
         if (!(sb_abs(slope[k]) * extent <= tolerance))
             return sbi_fail(error, SB_ERROR_ARGUMENT,
@@ -7995,8 +7961,8 @@ SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_me
 /* Box around the finite nodes; 0 when there are none. */
 SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
 /* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux);
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux);
 /* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
  * leave out. */
 SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume);
@@ -8242,8 +8208,7 @@ static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, 
 SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
-    sbi_mesh_table_add_rule(table, element,
-                            element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
+    sbi_mesh_table_add_rule(table, element, element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
 SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
@@ -8282,8 +8247,7 @@ SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_loca
     if (local->size > 0) {
         local->rounding *= 1 + magnitude / local->size;
         for (int a = 0; a < n; a++)
-            local->x[a] =
-                sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
+            local->x[a] = sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
     }
 }
 
@@ -8320,13 +8284,11 @@ static sb_mesh_defect sbi_mesh_defect_of_sign(sb_real det, sb_real rounding)
 {
     if (det > rounding)
         return SB_MESH_SOUND;
-    return det < -rounding ? SB_MESH_INVERTED
-                           : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
+    return det < -rounding ? SB_MESH_INVERTED : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
 }
 
 /* Worst sign of the Jacobian over the table's points, inverted before flat. */
-static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count,
-                                              const sbi_mesh_local *local)
+static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count, const sbi_mesh_local *local)
 {
     sb_mesh_defect worst = SB_MESH_SOUND;
     for (int i = 0; i < table->count; i++) {
@@ -8416,8 +8378,8 @@ static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *tab
     return volume;
 }
 
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux)
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -8571,8 +8533,7 @@ SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *t
     case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
     case SB_HEX20:
     case SB_HEX27:
-    case SB_CUSTOM:
-        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_CUSTOM: return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
     case SB_QUAD4:
     case SB_QUAD8:
     case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
@@ -8652,8 +8613,7 @@ SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *ke
 }
 
 /* Local corner numbers of a part of an element; returns how many. */
-static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index,
-                                 int corners[SB_MAX_ELEMENT_NODES])
+static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index, int corners[SB_MAX_ELEMENT_NODES])
 {
     sb_element_type face_type = SB_NO_ELEMENT;
     if (part == SBI_MESH_WHOLE) {
@@ -8688,8 +8648,7 @@ static void sbi_mesh_insertion_sort(int *values, int count)
     }
 }
 
-static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                               sbi_mesh_keys *keys)
+static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
     for (int i = 0; i < keys->per_element; i++)
@@ -8711,8 +8670,8 @@ static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const un
 }
 
 /* One stable counting sort of the order by a column of the keys; start has node_count + 1 entries. */
-static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from,
-                                 int *to, int *start)
+static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from, int *to,
+                                 int *start)
 {
     const int *value = keys->keys + column;
     memset(start, 0, sizeof(int) * ((size_t)node_count + 1));
@@ -8768,8 +8727,7 @@ SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
     int end = begin + 1;
-    while (end < keys->sorted &&
-           memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
+    while (end < keys->sorted && memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
         end++;
     return end;
 }
@@ -8878,8 +8836,7 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 {
     const sb_real reach = grid->tolerance;
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell),
-            j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
+    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell), j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
             k1 = sbi_mesh_grid_cell((d.z + reach) / grid->cell);
     int best = -1;
     for (int64_t i = sbi_mesh_grid_cell((d.x - reach) / grid->cell); i <= i1; i++)
@@ -8894,9 +8851,8 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 static void sbi_mesh_grid_add(const sbi_mesh_grid *grid, const sb_vec3 *nodes, int node)
 {
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    size_t bucket =
-        sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell), sbi_mesh_grid_cell(d.y / grid->cell),
-                             sbi_mesh_grid_cell(d.z / grid->cell));
+    size_t bucket = sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell),
+                                         sbi_mesh_grid_cell(d.y / grid->cell), sbi_mesh_grid_cell(d.z / grid->cell));
     grid->next[node] = grid->head[bucket];
     grid->head[bucket] = node;
 }
@@ -8998,8 +8954,8 @@ static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
 }
 
 /* "3 elements inverted (negative volume): 3, 17, 40" */
-static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
-                                        sb_mesh_defect defect, sb_error *error)
+static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders, sb_mesh_defect defect,
+                                        sb_error *error)
 {
     char list[16 * SBI_MESH_LISTED], index_text[64];
     size_t used = 0;
@@ -9009,16 +8965,15 @@ static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offe
         used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
     if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
         snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
-    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
-                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
-                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
-                            offenders->count > listed ? ", ..." : "");
+    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH, offenders->first[0],
+                            "%d element%s %s%s: %s%s", offenders->count, offenders->count == 1 ? "" : "s",
+                            sbi_mesh_defect_text(defect), index_text, list, offenders->count > listed ? ", ..." : "");
 }
 
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 {
-    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
-                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
+    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED, SB_MESH_FLAT,
+                                           SB_MESH_BAD_MIDSIDE};
     sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
     sbi_mesh_table table;
     sb_result result = sbi_mesh_check_shape(mesh, error);
@@ -9071,8 +9026,7 @@ static void sbi_mesh_check_release(const sb_allocator *allocator, sbi_mesh_check
     sbi_mesh_keys_free(allocator, &scratch->whole);
 }
 
-static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     memset(scratch, 0, sizeof *scratch);
     scratch->defect = (unsigned char *)sbi_alloc(allocator, (size_t)mesh->element_count, 1);
@@ -9083,8 +9037,7 @@ static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allo
 }
 
 /* Sorts out the elements: what each has by itself, then the repetitions of earlier ones. */
-static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     sbi_mesh_table table;
     sbi_mesh_keys *whole = &scratch->whole;
@@ -9193,8 +9146,7 @@ static int sbi_mesh_count_pinched(const sb_mesh *mesh, const sbi_mesh_keys *side
     return pinched;
 }
 
-static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect,
-                                        sb_mesh_report *report)
+static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     int ends[3] = {0, 0, 0}, found = 0;
     for (int e = 0; e < mesh->element_count; e++) {
@@ -9230,21 +9182,19 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
 }
 
 /* Fills the report; 0 when memory is short. */
-static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator,
-                              sbi_mesh_check_scratch *scratch, sb_mesh_report *report)
+static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch,
+                              sb_mesh_report *report)
 {
-    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) ||
-        !sbi_mesh_check_elements(mesh, allocator, scratch) ||
+    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) || !sbi_mesh_check_elements(mesh, allocator, scratch) ||
         !sbi_mesh_check_nodes_of_report(mesh, allocator, scratch, report) ||
         !sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, scratch->skip, allocator, &scratch->sides))
         return 0;
     sbi_mesh_check_geometry(mesh, scratch->defect, report);
     sbi_mesh_check_sides(mesh, &scratch->sides, report);
-    report->components =
-        sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
+    report->components = sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
     if (sb_element_dimension(mesh->element_type) == 2)
-        report->nonmanifold_vertices =
-            sbi_mesh_count_pinched(mesh, &scratch->sides, scratch->skip, allocator, scratch->per_node);
+        report->nonmanifold_vertices = sbi_mesh_count_pinched(mesh, &scratch->sides, scratch->skip, allocator,
+                                                              scratch->per_node);
     return report->nonmanifold_vertices >= 0 && sbi_mesh_check_list_bad(mesh, scratch->defect, report);
 }
 
@@ -9297,7 +9247,8 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         break;
     case SB_TRI3:
     case SB_TET4: sbi_mesh_swap(nodes, 1, 2); break;
-    case SB_HEX27: sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
+    case SB_HEX27:
+        sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
     /* fall through */
     case SB_HEX20:
         for (int a = 8; a < 12; a++)
@@ -9381,8 +9332,8 @@ static int sbi_mesh_flood_part(const sb_mesh *mesh, sbi_mesh_flood *flood, int b
 
 /* Decides whether the whole part queue[begin..end) must be mirrored on top, and returns its number of
  * flips. */
-static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood,
-                               int begin, int end)
+static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood, int begin,
+                               int end)
 {
     int per = flood->sides.per_element, closed = 1, flips = 0, turn;
     double volume = 0, scale = 0, area, flux;
@@ -9433,8 +9384,7 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
     if (result != SB_OK)
         return result;
     if (sb_element_dimension(mesh->element_type) != 2)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface",
-                        sb_element_name(mesh->element_type));
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface", sb_element_name(mesh->element_type));
     memset(&flood, 0, sizeof flood);
     flood.queue = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
     flood.flip = (signed char *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, 1);
@@ -9557,8 +9507,7 @@ SB_API sb_result sb_mesh_scale(sb_mesh *mesh, sb_real factor, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale factor must be positive and finite");
     for (int v = 0; v < mesh->node_count; v++)
         if (!sb_is_finite(factor * sbi_mesh_max_abs(mesh->nodes[v])))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling",
-                                 v);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling", v);
     for (int v = 0; v < mesh->node_count; v++)
         mesh->nodes[v] = sb_v3_scale(factor, mesh->nodes[v]);
     return SB_OK;
@@ -9599,8 +9548,7 @@ SB_API void sb_boundary_free(sb_boundary *boundary)
     memset(boundary, 0, sizeof *boundary);
 }
 
-static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns,
-                                   const sb_allocator *allocator)
+static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns, const sb_allocator *allocator)
 {
     sbi_mesh_set_allocator(&table->allocator, allocator);
     table->rows = rows;
@@ -9683,15 +9631,15 @@ static int sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, 
 }
 
 /* The surface with all nodes of the volume; 0 when memory is short. */
-static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map,
-                                  const sb_allocator *allocator, sb_boundary *boundary)
+static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map, const sb_allocator *allocator,
+                                  sb_boundary *boundary)
 {
     sbi_element element = sbi_mesh_element_kind(mesh);
     sb_element_type type = sbi_mesh_boundary_type(element);
     int per = sbi_element_face_count(element), sides = mesh->element_count * per;
     int rows = sbi_mesh_count_rows(mesh, mate, type), row = 0;
-    if (rows < 0 || !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL,
-                                       allocator))
+    if (rows < 0 ||
+        !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL, allocator))
         return 0;
     boundary->elements = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
     boundary->faces = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
@@ -9755,8 +9703,8 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
     return result;
 }
 
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error)
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error)
 {
     sb_index_table made;
     sbi_mesh_keys sides;
@@ -9848,8 +9796,7 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     if (lists->items) {
         sbi_mesh_fill_int(last, count, -1);
         sbi_mesh_lists_fill(mesh, lists, last, 0);
-        memmove(lists->offsets + 1, lists->offsets,
-                sizeof(int) * (size_t)count); /* filling moved each to its end */
+        memmove(lists->offsets + 1, lists->offsets, sizeof(int) * (size_t)count); /* filling moved each to its end */
         lists->offsets[0] = 0;
     } else {
         sb_index_lists_free(lists);
@@ -9858,8 +9805,8 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     return lists->items != NULL;
 }
 
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error)
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error)
 {
     sb_index_lists made;
     sb_result result = sbi_mesh_check_output(mesh, lists, error);
@@ -9871,8 +9818,8 @@ SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error)
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error)
 {
     sb_index_table made;
     int *scratch, parts;
@@ -10015,20 +9962,17 @@ static sb_result sbi_mesh_raise(const sb_mesh *mesh, sb_element_type from, sb_el
     return result;
 }
 
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_TET4, SB_TET10, allocator, tet10, error);
 }
 
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX20, allocator, hex20, error);
 }
 
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
@@ -10043,8 +9987,9 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
-    int *mark;   /* [nodes] search that saw the node last */
+    int *
+        degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
+    int *mark;  /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */
 } sbi_mesh_graph;
@@ -10193,8 +10138,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
     r->element_map = (int *)sbi_alloc(allocator, elements, sizeof(int));
     r->start = (int *)sbi_alloc(allocator, nodes + 1, sizeof(int));
     r->nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
-    r->elements = (int *)sbi_alloc(allocator, elements,
-                                   sizeof(int) * (size_t)sb_mesh_element_width(mesh));
+    r->elements = (int *)sbi_alloc(allocator, elements, sizeof(int) * (size_t)sb_mesh_element_width(mesh));
     if (mesh->regions)
         r->regions = (int *)sbi_alloc(allocator, elements, sizeof(int));
     return r->graph.degree && r->graph.mark && r->graph.order && r->node_map && r->element_map && r->start &&
@@ -10287,8 +10231,8 @@ static int64_t sbi_meshgen_product(int64_t a, int64_t b)
 }
 
 /* Checks the type and the counts, and makes the arrays. */
-static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes,
-                                   int64_t cells, const sb_allocator *allocator, sb_error *error)
+static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes, int64_t cells,
+                                   const sb_allocator *allocator, sb_error *error)
 {
     sb_element_type straight = sb_element_straight(type);
     int64_t elements = sbi_meshgen_product(cells, straight == SB_HEX8 ? 1 : 6);
@@ -10312,8 +10256,7 @@ static sb_result sbi_meshgen_check(sb_element_type type, const sb_mesh *mesh, sb
 static int sbi_meshgen_is_length(sb_real length) { return length > 0 && sb_is_finite(length); }
 
 /* Hands the mesh over, as the quadratic element that was asked for. */
-static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh,
-                                    sb_error *error)
+static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_allocator allocator = builder->mesh.allocator;
@@ -10390,8 +10333,8 @@ static void sbi_meshgen_grid_cell(int i, int j, int k, int nx, int ny, int cell[
 
 /* ---- beam ---- */
 
-SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size,
-                              const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size, const sb_allocator *allocator,
+                              sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     int cell[8], v = 0;
@@ -10402,18 +10345,18 @@ SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_v
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a beam of %d x %d x %d cells", nx, ny, nz);
     if (!sbi_meshgen_is_length(size.x) || !sbi_meshgen_is_length(size.y) || !sbi_meshgen_is_length(size.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the sizes of a beam must be positive and finite");
-    result = sbi_meshgen_begin(
-        &builder, type,
-        sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1), (int64_t)nz + 1),
-        sbi_meshgen_product(sbi_meshgen_product(nx, ny), nz), allocator, error);
+    result = sbi_meshgen_begin(&builder, type,
+                               sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1),
+                                                   (int64_t)nz + 1),
+                               sbi_meshgen_product(sbi_meshgen_product(nx, ny), nz), allocator, error);
     if (result != SB_OK)
         return result;
     for (int k = 0; k <= nz; k++)
         for (int j = 0; j <= ny; j++)
             for (int i = 0; i <= nx; i++)
-                builder.mesh.nodes[v++] =
-                    sb_v3(size.x * ((sb_real)i / (sb_real)nx), size.y * ((sb_real)j / (sb_real)ny),
-                          size.z * ((sb_real)k / (sb_real)nz));
+                builder.mesh.nodes[v++] = sb_v3(size.x * ((sb_real)i / (sb_real)nx),
+                                                size.y * ((sb_real)j / (sb_real)ny),
+                                                size.z * ((sb_real)k / (sb_real)nz));
     for (int k = 0; k < nz; k++)
         for (int j = 0; j < ny; j++)
             for (int i = 0; i < nx; i++) {
@@ -10485,14 +10428,14 @@ static void sbi_meshgen_disc_points(sbi_meshgen_round round, sb_vec3 *points)
     int core = round.core, next = 0, i, j;
     for (j = 0; j <= core; j++)
         for (i = 0; i <= core; i++)
-            points[next++] = sbi_meshgen_round_point(
-                sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
+            points[next++] =
+                sbi_meshgen_round_point(sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
     for (int ring = 1; ring <= round.layers; ring++) {
         for (int step = 0; step < 4 * core; step++) {
             sbi_meshgen_loop_point(step, core, &i, &j);
-            points[next++] =
-                sbi_meshgen_round_point(sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0),
-                                        (sb_real)ring / (sb_real)round.layers);
+            points[next++] = sbi_meshgen_round_point(sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core),
+                                                           0),
+                                                     (sb_real)ring / (sb_real)round.layers);
         }
     }
 }
@@ -10553,14 +10496,13 @@ static void sbi_meshgen_cylinder_nodes(sb_mesh *mesh, int per_layer, int axis, s
         sb_real height = length * ((sb_real)k / (sb_real)along);
         for (int v = 0; v < per_layer; v++) {
             sb_vec3 point = mesh->nodes[v];
-            mesh->nodes[v + k * per_layer] =
-                sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
+            mesh->nodes[v + k * per_layer] = sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
         }
     }
 }
 
-SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across,
-                                  int along, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across, int along,
+                                  const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sbi_meshgen_round round = sbi_meshgen_round_of(across);
@@ -10571,13 +10513,11 @@ SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius
     if (axis < 0 || axis > 2)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "axis %d of a cylinder is none of 0, 1, 2", axis);
     if (across < 4 || across > 20000 || along < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across,
-                        along);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across, along);
     if (!sbi_meshgen_is_length(radius) || !sbi_meshgen_is_length(length))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "radius and length must be positive and finite");
     quads = (int64_t)round.core * round.core + 4 * (int64_t)round.core * round.layers;
-    result = sbi_meshgen_begin(&builder, type,
-                               sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
+    result = sbi_meshgen_begin(&builder, type, sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
                                sbi_meshgen_product(quads, along), allocator, error);
     if (result != SB_OK)
         return result;
@@ -10605,8 +10545,7 @@ static int *sbi_meshgen_surface_ranks(int core, const sb_allocator *allocator)
 /* Nodes of the unit ball: the core grid, then layer after layer in the order of the core's surface. */
 static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_vec3 *nodes)
 {
-    int core = round.core, side = core + 1, v = 0,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, v = 0, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     for (int k = 0; k < side; k++) {
         for (int j = 0; j < side; j++) {
             for (int i = 0; i < side; i++, v++) {
@@ -10625,8 +10564,7 @@ static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_
 static void sbi_meshgen_ball_column(sbi_meshgen_builder *builder, sbi_meshgen_round round, const int *rank,
                                     const int quad[4])
 {
-    int core = round.core, side = core + 1,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     int cell[8];
     for (int a = 0; a < 4; a++)
         cell[a + 4] = quad[a];
@@ -10672,9 +10610,8 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     int64_t core = round.core, side = core + 1, inner = core - 1;
     int64_t surface = side * side * side - inner * inner * inner;
     int *rank;
-    sb_result result =
-        sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
-                          core * core * core + 6 * core * core * round.layers, allocator, error);
+    sb_result result = sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
+                                         core * core * core + 6 * core * core * round.layers, allocator, error);
     if (result != SB_OK)
         return result;
     rank = sbi_meshgen_surface_ranks(round.core, allocator);
@@ -10688,16 +10625,15 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells,
-                                   const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells, const sb_allocator *allocator,
+                                   sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sb_result result = sbi_meshgen_check(type, mesh, error);
     if (result != SB_OK)
         return result;
     if (cells < 4 || cells > 500)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible",
-                        cells);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible", cells);
     if (!sbi_meshgen_is_length(semi_axes.x) || !sbi_meshgen_is_length(semi_axes.y) ||
         !sbi_meshgen_is_length(semi_axes.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the semi-axes must be positive and finite");
@@ -10786,8 +10722,7 @@ typedef struct sbi_word {
     size_t length;
 } sbi_word;
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error);
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error);
 /* Fills the reader's error with file, line or byte offset, node and element; returns result. */
 SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
 #if defined(__GNUC__)
@@ -10821,14 +10756,13 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
 /* A number of things that take at least `bytes` bytes each of what is left of the file: more than fit is
  * an error, so that memory may be taken for them. bytes 0: unchecked. At most INT_MAX. */
 SBI_API sb_result sbi_reader_count(sbi_reader *reader, const char *what, size_t bytes, int *count);
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count);
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count);
 /* Steps over `count` words. */
 SBI_API sb_result sbi_reader_skip_words(sbi_reader *reader, size_t count, const char *what);
 
 /* The next `count` * `size` bytes, or NULL with an error when there are fewer. */
-SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size,
-                                              const char *what);
+SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size, const char *what);
 /* Binary numbers in the reader's byte order. */
 SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
@@ -10969,7 +10903,7 @@ typedef struct sbi_loader {
     size_t index_count, index_capacity;
     sbi_cell *cells; /* surface and volume cells of supported types; points and lines when keep_low */
     size_t cell_count, cell_capacity;
-    int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
+    int points_only;  /* PLY: faces are stepped over, normals of vertices wanted */
     sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
     size_t normal_count, normal_capacity;
     int *scratch; /* nodes of the cell being read */
@@ -10985,17 +10919,17 @@ typedef struct sbi_loader {
     int diagonal_count, diagonal_nodes;        /* diagonal_nodes: how many of them are new */
     int pieces;                                /* VTU: parts of the file that were joined */
     /* groups and what becomes regions */
-    int keep_low;         /* points and lines are kept as well: sets are wanted */
-    int *groups;          /* lists of groups: their count, then their numbers; [0] is an empty one */
+    int keep_low; /* points and lines are kept as well: sets are wanted */
+    int *groups;  /* lists of groups: their count, then their numbers; [0] is an empty one */
     size_t group_count, group_capacity;
-    int cell_groups;      /* list of the cell being read, see sbi_cell */
+    int cell_groups; /* list of the cell being read, see sbi_cell */
     sbi_group_name *names;
     size_t name_count, name_capacity;
-    int region_rank;      /* of the field in source_regions, see sbi_region_field_rank; 0: none */
-    int region_cells;     /* cells of source_regions */
+    int region_rank;  /* of the field in source_regions, see sbi_region_field_rank; 0: none */
+    int region_cells; /* cells of source_regions */
     char region_field[SB_MESH_SET_NAME];
-    int ignored_count;    /* fields, sections and the like that were stepped over */
-    char ignored[120];    /* their names */
+    int ignored_count; /* fields, sections and the like that were stepped over */
+    char ignored[120]; /* their names */
 } sbi_loader;
 
 SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
@@ -11003,8 +10937,8 @@ SBI_API void sbi_loader_free(sbi_loader *loader);
 
 /* An array for at least `needed` items with the `used` first ones of `old`, which is freed; NULL without
  * memory (old stays). Grows geometrically. */
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item);
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item);
 SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
 
 /* Takes memory for `count` more nodes, of which the caller knows that the file can hold them. */
@@ -11099,8 +11033,7 @@ typedef struct sbi_file {
     size_t size;
 } sbi_file;
 /* The whole file; content->data is to be freed, also after a failure. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error);
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error);
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
@@ -11477,8 +11410,7 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
 
 /* ==== reader ======================================================================================= */
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error)
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error)
 {
     memset(reader, 0, sizeof *reader);
     reader->data = (const char *)data;
@@ -11627,8 +11559,7 @@ SBI_API const char *sbi_word_print(sbi_word word, char buffer[32])
     return buffer;
 }
 
-static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word,
-                                      const char *why)
+static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word, const char *why)
 {
     char text[32];
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s: '%s' %s", what, sbi_word_print(word, text), why);
@@ -11658,22 +11589,20 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
         return SB_OK;
     if (parsed == 0)
         return sbi_reader_fail_word(reader, what, word, "is not a number");
-    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what,
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what, sbi_word_print(word, text));
 }
 
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count)
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count)
 {
     if (value < 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is negative: %lld", what, (long long)value);
     if (value > INT_MAX)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what,
-                               (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what, (long long)value);
     /* + 1: in a text the last blank may be missing */
     if (bytes && (uint64_t)value > ((uint64_t)sbi_reader_left(reader) + 1) / bytes)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that",
-                               what, (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that", what,
+                               (long long)value);
     *count = (int)value;
     return SB_OK;
 }
@@ -11906,8 +11835,8 @@ SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader)
     return SB_ERROR_MEMORY;
 }
 
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item)
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item)
 {
     size_t target = *capacity < ((size_t)-1) / 2 ? 2 * *capacity : needed;
     void *grown;
@@ -11950,8 +11879,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     for (int i = 0; i < 3; i++) {
         double value = x[i] * loader->scale;
         if (x[i] - x[i] != 0)
-            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite",
-                                   reader->node);
+            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite", reader->node);
         if (fabs(value) > (double)SB_REAL_MAX)
             return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is too large: %g",
                                    reader->node, value);
@@ -11959,8 +11887,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     }
     if (loader->node_count >= INT_MAX)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
-    if (loader->node_count >= loader->node_capacity &&
-        !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
+    if (loader->node_count >= loader->node_capacity && !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
         return sbi_loader_no_memory(loader);
     loader->nodes[loader->node_count++] = sb_v3(scaled[0], scaled[1], scaled[2]);
     reader->node = -1;
@@ -12010,13 +11937,11 @@ SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64
     if (loader->node_count == 0)
         return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "a cell before the first node");
     if (number < base || number > last)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX,
-                               "node %lld does not exist: nodes are %lld to %lld", (long long)number,
-                               (long long)base, (long long)last);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "node %lld does not exist: nodes are %lld to %lld",
+                               (long long)number, (long long)base, (long long)last);
     if (loader->scratch_count >= loader->scratch_capacity) {
-        void *grown =
-            sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
-                            loader->scratch_count + 1, sizeof loader->scratch[0]);
+        void *grown = sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
+                                      loader->scratch_count + 1, sizeof loader->scratch[0]);
         if (!grown)
             return sbi_loader_no_memory(loader);
         loader->scratch = (int *)grown;
@@ -12049,8 +11974,8 @@ static sb_result sbi_loader_reserve_cell(sbi_loader *loader, size_t nodes)
 }
 
 /* Appends a cell with the nodes scratch[a], scratch[b], ... or, with corners NULL, all of them in `order`. */
-static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3],
-                                      sbi_node_order order, int region)
+static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3], sbi_node_order order,
+                                      int region)
 {
     int nodes = sbi_cell_kind_at(kind)->nodes;
     sb_result result = sbi_loader_reserve_cell(loader, (size_t)nodes);
@@ -12109,8 +12034,8 @@ static sb_result sbi_loader_end_triangles(sbi_loader *loader, int region, int st
     sb_result result = SB_OK;
     size_t count = loader->scratch_count;
     if (count < 3)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners",
-                               loader->source_count, (unsigned long long)count);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners", loader->source_count,
+                               (unsigned long long)count);
     for (size_t i = 0; i + 2 < count && !result; i++) {
         size_t fan[3], odd = strip ? i % 2 : 0;
         fan[0] = strip ? i : 0;
@@ -12225,8 +12150,8 @@ SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name)
 /* The names that programs give to the material of a cell; ours is best. */
 SBI_API int sbi_region_field_rank(sbi_word name)
 {
-    static const char names[][20] = {"region",       "regions",      "region_id",  "RegionId",      "material",
-                                     "materials",    "material_id",  "MaterialId", "MaterialIds",   "mat_id",
+    static const char names[][20] = {"region",        "regions",     "region_id",    "RegionId",    "material",
+                                     "materials",     "material_id", "MaterialId",   "MaterialIds", "mat_id",
                                      "gmsh:physical", "medit:ref",   "CellEntityIds"};
     const int count = (int)(sizeof names / sizeof names[0]);
     for (int i = 0; i < count; i++)
@@ -12286,8 +12211,8 @@ SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int c
     return SB_OK;
 }
 
-SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
-                                       const char *first, const char *second)
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format, const char *first,
+                                       const char *second)
 {
     sbi_reader place = loader->reader;
     char message[160];
@@ -12327,11 +12252,9 @@ SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_lo
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "the load options do not come from sb_default_load_options()");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the load options do not come from sb_default_load_options()");
     if (!(resolved->scale > 0) || !sb_is_finite(resolved->scale))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive",
-                        (double)resolved->scale);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive", (double)resolved->scale);
     return SB_OK;
 }
 
@@ -12354,8 +12277,7 @@ static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content
 }
 
 /* Reads until the end rather than asking for the size, which pipes do not have and folders make up. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error)
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error)
 {
     size_t capacity = 1 << 16, got = 1;
     sb_result result = SB_OK;
@@ -12407,10 +12329,9 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     static const struct {
         char ending[7];
         sb_file_format format;
-    } endings[] = {{".vtk", SB_FILE_VTK},    {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN},
-                   {".ele", SB_FILE_TETGEN}, {".obj", SB_FILE_OBJ},  {".stl", SB_FILE_STL},
-                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF},  {".vtu", SB_FILE_VTU},
-                   {".vtp", SB_FILE_VTU},    {".mesh", SB_FILE_MEDIT}, {".meshb", SB_FILE_MEDIT}};
+    } endings[] = {{".vtk", SB_FILE_VTK}, {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN}, {".ele", SB_FILE_TETGEN},
+                   {".obj", SB_FILE_OBJ}, {".stl", SB_FILE_STL},  {".ply", SB_FILE_PLY},     {".off", SB_FILE_OFF},
+                   {".vtu", SB_FILE_VTU}, {".vtp", SB_FILE_VTU},  {".mesh", SB_FILE_MEDIT},  {".meshb", SB_FILE_MEDIT}};
     for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++)
         if (sbi_meshio_name_ends_with(name, endings[i].ending))
             return endings[i].format;
@@ -12502,8 +12423,7 @@ SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
     case SB_FILE_TETGEN:
     case SB_FILE_AUTO: break;
     }
-    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT,
-                           "this format cannot be read from one piece of memory");
+    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT, "this format cannot be read from one piece of memory");
 }
 
 /* Whether every tet10 has its last two mid-edge nodes nearer to the other's edge: gmsh's order in a file that should
@@ -12734,8 +12654,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 }
 
 /* A copy of the path with its ending, of `cut` characters, replaced; NULL without memory. */
-static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut,
-                                      const char *ending)
+static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut, const char *ending)
 {
     size_t stem = strlen(path) - cut, tail = strlen(ending) + 1;
     char *changed = (char *)sbi_alloc(allocator, stem + tail, 1);
@@ -12781,8 +12700,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
     return result;
 }
 
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error)
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error)
 {
     sb_load_options resolved;
     sb_file_format format = SB_FILE_AUTO;
@@ -12946,10 +12864,8 @@ static sb_result sbi_export_check_field(const sb_field *field, const sb_mesh *me
     for (size_t i = 0; i < rows * (size_t)field->components; i++)
         if (!sb_is_finite(field->values[i])) {
             int row = (int)(i / (size_t)field->components);
-            return at_nodes
-                       ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
-                       : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite",
-                                          field->name);
+            return at_nodes ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
+                            : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name);
         }
     if (!at_nodes && mesh->regions && strcmp(field->name, "region") == 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the element field region comes from the mesh");
@@ -13031,8 +12947,7 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     for (int i = 0; i < mesh->element_count; i++) {
         sbi_export_integer(out, nodes, " ");
         for (int k = 0; k < nodes; k++)
-            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k],
-                               k + 1 < nodes ? " " : "\n");
+            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k], k + 1 < nodes ? " " : "\n");
     }
     sbi_export_end_binary(out);
     sbi_export_line(out, "CELL_TYPES", mesh->element_count, "\n");
@@ -13041,8 +12956,8 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     sbi_export_end_binary(out);
 }
 
-static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                int field_count, int binary, sb_error *error)
+static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                int binary, sb_error *error)
 {
     sbi_export out;
     sb_result result;
@@ -13065,14 +12980,14 @@ static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_
     return sbi_export_close(&out, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 0, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 1, error);
 }
@@ -13154,8 +13069,7 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
     for (int i = 0; !result && i < mesh->node_count; i++) {
         sb_vec3 x = mesh->nodes[i];
         if (fabs((double)x.x) > limit || fabs((double)x.y) > limit || fabs((double)x.z) > limit)
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i,
-                                 "a coordinate of node %d is too large for STL", i);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "a coordinate of node %d is too large for STL", i);
     }
     if (!result)
         result = sbi_export_open(&out, path, 1, error);
@@ -13285,8 +13199,7 @@ static sb_result sbi_vtk_read_type(sbi_vtk *vtk, const sbi_vtk_type **type)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the data type is missing");
     *type = sbi_vtk_find_type(word);
     if (!*type)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -13345,8 +13258,7 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
 {
     if (type->class_ == 's') {
         if (vtk->binary)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                                   "text arrays in binary files are not supported");
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "text arrays in binary files are not supported");
         for (sbi_reader_next_line(vtk->reader); count > 0; count--) {
             if (!sbi_reader_left(vtk->reader))
                 return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends in a text array");
@@ -13356,15 +13268,12 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
     }
     sbi_vtk_start_data(vtk);
     if ((uint64_t)count > (uint64_t)sbi_reader_left(vtk->reader) * 8)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values",
-                               (long long)count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values", (long long)count);
     if (!vtk->binary)
         return sbi_reader_skip_words(vtk->reader, (size_t)count, "a data array");
     if (type->class_ == 'b')
-        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK
-                                                                                         : SB_ERROR_FORMAT;
-    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK
-                                                                                            : SB_ERROR_FORMAT;
+        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK : SB_ERROR_FORMAT;
 }
 
 /* ---- geometry ---- */
@@ -13385,8 +13294,8 @@ static sb_result sbi_vtk_points(sbi_vtk *vtk)
     if (result)
         return result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed,
-                                    3 * sbi_vtk_value_bytes(vtk, type), &count);
+    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed, 3 * sbi_vtk_value_bytes(vtk, type),
+                                    &count);
     if (!result)
         result = sbi_loader_reserve_nodes(vtk->loader, count);
     for (int i = 0; i < count && !result; i++) {
@@ -13427,9 +13336,8 @@ static sb_result sbi_vtk_node_index(sbi_vtk *vtk, const sbi_vtk_type *type, int 
     if (result)
         return result;
     if (value < 0 || value >= (int64_t)vtk->loader->node_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX,
-                               "cell %d refers to node %lld, but there are %llu nodes", vtk->reader->element,
-                               (long long)value, (unsigned long long)vtk->loader->node_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX, "cell %d refers to node %lld, but there are %llu nodes",
+                               vtk->reader->element, (long long)value, (unsigned long long)vtk->loader->node_count);
     *node = (int)value;
     return SB_OK;
 }
@@ -13441,14 +13349,13 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
     int cells = 0, size = 0, used = 0, left;
     sb_result result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells,
-                                    sbi_vtk_value_bytes(vtk, &type), &cells);
+    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells, sbi_vtk_value_bytes(vtk, &type),
+                                    &cells);
     if (!result)
         result = sbi_reader_check_count(vtk->reader, "the size of the cell list", claimed_size,
                                         sbi_vtk_value_bytes(vtk, &type), &size);
     if (!result && size < cells)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells",
-                               size, cells);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells", size, cells);
     if (!result)
         result = sbi_vtk_take_list(vtk, cells, size - cells);
     left = size - cells;
@@ -13466,8 +13373,8 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
             vtk->ends[i] = used;
     }
     if (!result && used != left)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the cells take %d numbers, but the list should have %d", cells + used, size);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the cells take %d numbers, but the list should have %d",
+                               cells + used, size);
     vtk->reader->element = -1;
     return result;
 }
@@ -13498,8 +13405,8 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         result = sbi_reader_check_count(vtk->reader, "the number of offsets", claimed_offsets,
                                         sbi_vtk_value_bytes(vtk, type), &offsets);
     if (!result)
-        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices,
-                                        vtk->binary ? 1 : 2, &indices);
+        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices, vtk->binary ? 1 : 2,
+                                        &indices);
     if (!result && offsets == 0)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of cells without offsets");
     if (!result)
@@ -13509,17 +13416,16 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         vtk->reader->element = vtk->loader->source_count + (i > 0 ? i - 1 : 0);
         result = sbi_vtk_integer(vtk, type, "offset", &offset);
         if (!result && (offset < last || offset > indices || (i == 0 && offset != 0)))
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "offset %d is %lld, which is out of order or range", i, (long long)offset);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "offset %d is %lld, which is out of order or range", i,
+                                   (long long)offset);
         last = offset;
         if (i > 0 && !result)
             vtk->ends[i - 1] = (int)offset;
     }
     vtk->reader->element = -1;
     if (!result && last != indices)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the last offset is %lld, but there are %d node indices", (long long)last,
-                               indices);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the last offset is %lld, but there are %d node indices",
+                               (long long)last, indices);
     if (!result)
         result = sbi_vtk_list_array(vtk, "CONNECTIVITY", &type);
     for (int i = 0, cell = 0; i < indices && !result; i++) {
@@ -13570,8 +13476,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
     if (!vtk->has_cells || vtk->has_types)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "CELL_TYPES without CELLS before it");
     if (claimed != vtk->cell_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells",
-                               (long long)claimed, vtk->cell_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells", (long long)claimed,
+                               vtk->cell_count);
     sbi_vtk_start_data(vtk);
     for (int i = 0; i < vtk->cell_count && !result; i++) {
         int64_t number = 0;
@@ -13580,8 +13486,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
         result = sbi_vtk_integer(vtk, &type, "cell type", &number);
         kind = sbi_cell_kind_of_vtk(number);
         if (!result && kind < 0)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld",
-                                   i, (long long)number);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", i,
+                                   (long long)number);
         if (!result)
             result = sbi_vtk_commit_cell(vtk, i, kind);
     }
@@ -13651,7 +13557,8 @@ static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_
     if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
         return sbi_vtk_skip_values(vtk, type, components * tuples);
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type),
+                                    &count);
     if (!result)
         result = sbi_voxels_begin(loader, vtk->in_cell_data);
     for (int i = 0; i < count && !result; i++) {
@@ -13670,8 +13577,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     int of_cells = vtk->in_cell_data && vtk->data_count >= 0, is_number = type->class_ != 'b' && type->class_ != 's';
     int usable = is_number && components == 1 && tuples == vtk->loader->source_count;
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
-                               (long long)tuples, (long long)components);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values", (long long)tuples,
+                               (long long)components);
     if (vtk->image)
         return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
@@ -13733,8 +13640,7 @@ static void sbi_vtk_skip_table_name(sbi_vtk *vtk)
     sbi_reader ahead = *vtk->reader;
     sbi_reader_next_line(&ahead);
     if (!vtk->binary)
-        sbi_reader_at_line_end(
-            &ahead); /* steps over blanks; binary data may begin with bytes that look like them */
+        sbi_reader_at_line_end(&ahead); /* steps over blanks; binary data may begin with bytes that look like them */
     word.text = ahead.data + ahead.at;
     word.length = sizeof keyword - 1;
     if (sbi_reader_left(&ahead) <= word.length || !sbi_word_is(word, keyword))
@@ -13821,8 +13727,8 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     }
     result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
-                               (long long)count, of_cells ? "cells" : "points", (long long)expected);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld", (long long)count,
+                               of_cells ? "cells" : "points", (long long)expected);
     vtk->in_cell_data = of_cells;
     vtk->data_count = (int)expected;
     return result;
@@ -13896,8 +13802,8 @@ static sb_result sbi_vtk_section(sbi_vtk *vtk, sbi_word keyword)
 {
     char text[32];
     int known = 0;
-    sb_result result =
-        vtk->image ? sbi_vtk_image_section(vtk, keyword, &known) : sbi_vtk_mesh_section(vtk, keyword, &known);
+    sb_result result = vtk->image ? sbi_vtk_image_section(vtk, keyword, &known)
+                                  : sbi_vtk_mesh_section(vtk, keyword, &known);
     if (known)
         return result;
     if (sbi_word_is(keyword, "CELL_DATA"))
@@ -13930,8 +13836,8 @@ static sb_result sbi_vtk_version(sbi_vtk *vtk)
     if (!sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the version number is missing");
     if (word.length < 3 || word.text[1] != '.' || word.text[0] < '2' || word.text[0] > '5')
-        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "VTK version %s is not supported: 2.0 to 5.1 are", sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "VTK version %s is not supported: 2.0 to 5.1 are",
+                               sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -13964,8 +13870,7 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
                                sbi_word_print(word, text));
     if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
-                               sbi_word_print(word, text));
+                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read", sbi_word_print(word, text));
     vtk->reader->binary = vtk->reader->big_endian = vtk->binary;
     return vtk->binary ? SB_OK : sbi_reader_check_text(vtk->reader);
 }
@@ -14031,13 +13936,28 @@ static const sbi_split_shape *sbi_split_shape_of(sbi_cell_shape shape)
 {
     static const sbi_split_shape shapes[5] = {
         {0, 0, 0, 0, {{0}}, {{0}}},
-        {4, 6, 4, 0, {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
+        {4,
+         6,
+         4,
+         0,
+         {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}},
-        {5, 8, 5, 1, {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
+        {5,
+         8,
+         5,
+         1,
+         {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}},
-        {6, 9, 5, 3, {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
+        {6,
+         9,
+         5,
+         3,
+         {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}}},
-        {8, 12, 6, 6,
+        {8,
+         12,
+         6,
+         6,
          {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 3, 2, 1}, {4, 5, 6, 7}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}}};
     return &shapes[shape];
@@ -14177,7 +14097,8 @@ static sb_result sbi_split_add_diagonal(sbi_split *split, const sbi_cell_kind *a
 {
     const sbi_split_shape *shape = sbi_split_shape_of(about->shape);
     sbi_loader *loader = split->loader;
-    int face = sbi_split_face_of(shape, a, b), middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
+    int face = sbi_split_face_of(shape, a, b),
+        middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
     sbi_split_diagonal *diagonal;
     if (split->diagonal_count >= split->diagonal_capacity) {
         void *grown = sbi_loader_grow(loader, split->diagonals, split->diagonal_count, &split->diagonal_capacity,
@@ -14294,8 +14215,8 @@ static sb_result sbi_split_place_diagonals(sbi_split *split)
         return sbi_reader_fail(&split->loader->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 diagonals");
     order = (int *)sbi_alloc(allocator, split->diagonal_count, sizeof(int));
     scratch = (int *)sbi_alloc(allocator, split->diagonal_count, sizeof(int));
-    split->loader->diagonals =
-        (sbi_diagonal_node *)sbi_alloc(allocator, split->diagonal_count, sizeof split->loader->diagonals[0]);
+    split->loader->diagonals = (sbi_diagonal_node *)sbi_alloc(allocator, split->diagonal_count,
+                                                              sizeof split->loader->diagonals[0]);
     if (!order || !scratch || !split->loader->diagonals)
         result = sbi_loader_no_memory(split->loader);
     for (int i = 0; i < count && !result; i++)
@@ -14576,8 +14497,7 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     sb_result result = SB_OK;
     loader->reader.element = loader->reader.node = -1;
     if (dimension < 2)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
-                               "the file has no faces and no volume elements");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH, "the file has no faces and no volume elements");
     split = split && sbi_split_wanted(loader, &type);
     if (!split)
         result = sbi_loader_find_type(loader, dimension, &type);
@@ -14783,7 +14703,8 @@ static sb_result sbi_sets_sort_nodes(const sbi_set_maker *maker, sb_mesh_set *se
 {
     const sb_allocator *allocator = &maker->loader->allocator;
     size_t count = (size_t)set->node_count;
-    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)), *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
+    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)),
+        *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
     sb_result result = order && scratch ? SB_OK : sbi_loader_no_memory(maker->loader);
     if (!result) {
         for (int i = 0; i < set->node_count; i++)
@@ -15025,9 +14946,8 @@ static sb_result sbi_gmsh_count(sbi_gmsh *gmsh, const char *what, size_t bytes, 
 {
     int64_t value = 0;
     sb_result result = sbi_gmsh_size(gmsh, what, &value);
-    return result
-               ? result
-               : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
+    return result ? result
+                  : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
 }
 
 static sb_result sbi_gmsh_skip_reals(sbi_gmsh *gmsh, size_t count)
@@ -15056,8 +14976,7 @@ static sb_result sbi_gmsh_node(sbi_gmsh *gmsh)
 static sb_result sbi_gmsh_region(const sbi_gmsh *gmsh, int64_t physical, int *region)
 {
     if (physical > INT_MAX || physical < -INT_MAX)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large",
-                               (long long)physical);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large", (long long)physical);
     *region = (int)(physical < 0 ? -physical : physical);
     return SB_OK;
 }
@@ -15075,8 +14994,7 @@ static sb_result sbi_gmsh_reserve_nodes(sbi_gmsh *gmsh, int count)
 {
     size_t used = gmsh->loader->node_count, needed = used + (size_t)count;
     if (needed > gmsh->tag_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->tags = (int64_t *)grown;
@@ -15133,8 +15051,8 @@ static sb_result sbi_gmsh_cell_node(sbi_gmsh *gmsh, int64_t tag)
     int node = sbi_gmsh_find_node(gmsh, tag);
     if (node < 0)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_INDEX,
-                               "element %d refers to node number %lld, which does not exist",
-                               gmsh->reader->element, (long long)tag);
+                               "element %d refers to node number %lld, which does not exist", gmsh->reader->element,
+                               (long long)tag);
     return sbi_loader_cell_node(gmsh->loader, node, 0);
 }
 
@@ -15196,8 +15114,8 @@ static sb_result sbi_gmsh_node_block(sbi_gmsh *gmsh)
     if (!result && (dimension < 0 || dimension > 3))
         return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "an entity of dimension %lld", (long long)dimension);
     if (!result)
-        result =
-            sbi_gmsh_count(gmsh, "the number of nodes of a block", (size_t)sbi_gmsh_tag_bytes(gmsh) + 24, 4, &count);
+        result = sbi_gmsh_count(gmsh, "the number of nodes of a block", (size_t)sbi_gmsh_tag_bytes(gmsh) + 24, 4,
+                                &count);
     if (!result && count > INT_MAX - first)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
     if (!result)
@@ -15220,8 +15138,7 @@ static sb_result sbi_gmsh_nodes_4(sbi_gmsh *gmsh)
 {
     int blocks = 0, count = 0;
     int64_t unused = 0;
-    sb_result result =
-        sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
+    sb_result result = sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
     if (!result)
         result = sbi_gmsh_count(gmsh, "the number of nodes", 24 + (size_t)sbi_gmsh_tag_bytes(gmsh), 4, &count);
     for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
@@ -15270,9 +15187,8 @@ static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag,
     if (gmsh->entity_count == INT_MAX)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 entities");
     if (gmsh->entity_count == gmsh->entity_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
-                            gmsh->entity_count + 1, sizeof gmsh->entities[0]);
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
+                                      gmsh->entity_count + 1, sizeof gmsh->entities[0]);
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->entities = (sbi_gmsh_entity *)grown;
@@ -15304,8 +15220,8 @@ static sb_result sbi_gmsh_entity_groups(sbi_gmsh *gmsh, int *groups)
     int64_t group = 0;
     sb_result result = sbi_gmsh_entity_count(gmsh, "the number of physical groups", 4, 1, groups);
     if (!result && (size_t)*groups > gmsh->number_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->numbers, 0, &gmsh->number_capacity, (size_t)*groups, sizeof(int));
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->numbers, 0, &gmsh->number_capacity, (size_t)*groups,
+                                      sizeof(int));
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->numbers = (int *)grown;
@@ -15366,8 +15282,7 @@ static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
     if (scratch && gmsh->entity_order) {
         for (size_t i = 0; i < gmsh->entity_count; i++)
             gmsh->entity_order[i] = (int)i;
-        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before,
-                       gmsh->entities);
+        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before, gmsh->entities);
     } else {
         result = sbi_loader_no_memory(gmsh->loader);
     }
@@ -15402,9 +15317,8 @@ static sb_result sbi_gmsh_find_kind(const sbi_gmsh *gmsh, int64_t number, int *k
 {
     *kind = sbi_cell_kind_of_gmsh(number);
     if (*kind < 0)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "element %d has the unknown gmsh type %lld", gmsh->loader->source_count,
-                               (long long)number);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "element %d has the unknown gmsh type %lld",
+                               gmsh->loader->source_count, (long long)number);
     return SB_OK;
 }
 
@@ -15509,13 +15423,11 @@ static sb_result sbi_gmsh_binary_block(sbi_gmsh *gmsh, int left, int *count)
     if (!result)
         result = sbi_gmsh_find_kind(gmsh, header[0], &kind);
     if (!result)
-        result =
-            sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
+        result = sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
     if (!result)
         result = sbi_reader_check_count(gmsh->reader, "the number of tags", header[2], 4, &tags);
     if (!result && (*count > left || *count == 0))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left",
-                               *count, left);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left", *count, left);
     for (int i = 0; i < *count && !result; i++) {
         sbi_loader_begin_cell(gmsh->loader);
         result = sbi_gmsh_integer(gmsh, "element number", &header[0]);
@@ -15567,8 +15479,8 @@ static sb_result sbi_gmsh_elements_4(sbi_gmsh *gmsh)
 {
     int blocks = 0, count = 0;
     int64_t unused = 0;
-    sb_result result =
-        sbi_gmsh_count(gmsh, "the number of blocks of elements", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
+    sb_result result = sbi_gmsh_count(gmsh, "the number of blocks of elements", 12 + (size_t)gmsh->size_bytes, 4,
+                                      &blocks);
     if (!result)
         result = sbi_gmsh_count(gmsh, "the number of elements", 2 * (size_t)sbi_gmsh_tag_bytes(gmsh), 2, &count);
     for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
@@ -15677,8 +15589,9 @@ static sb_result sbi_gmsh_names(sbi_gmsh *gmsh)
             return sbi_reader_fail(reader, SB_ERROR_FORMAT, "physical group %lld of dimension %lld", (long long)number,
                                    (long long)first);
         if (!sbi_gmsh_quoted(reader, &text))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the name of physical group %lld is not between quotation "
-                                                            "marks",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                                   "the name of physical group %lld is not between quotation "
+                                   "marks",
                                    (long long)number);
         result = sbi_loader_add_name(gmsh->loader, with_dimension ? (int)first : -1, (int)number, text);
     }
@@ -15756,7 +15669,8 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     char text[32];
     sb_result result;
     int old_nodes = sbi_word_is(keyword, "$NOD"), old_elements = sbi_word_is(keyword, "$ELM");
-    int elements = old_elements || sbi_word_is(keyword, "$Elements"), nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
+    int elements = old_elements || sbi_word_is(keyword, "$Elements"),
+        nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
     int entities = sbi_word_is(keyword, "$Entities"), format = sbi_word_is(keyword, "$MeshFormat");
     int names = sbi_word_is(keyword, "$PhysicalNames");
     if (keyword.length < 2 || keyword.text[0] != '$')
@@ -15765,8 +15679,7 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     name.text++;
     name.length--;
     if (sbi_word_is(keyword, "$PartitionedEntities"))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "partitioned gmsh meshes are not supported");
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "partitioned gmsh meshes are not supported");
     if (!gmsh->version && (old_nodes || old_elements))
         gmsh->version = 10; /* the only one without $MeshFormat */
     if (gmsh->version != 10 && (old_nodes || old_elements))
@@ -15841,10 +15754,12 @@ enum { SBI_MEDIT_DIMENSION = 3, SBI_MEDIT_VERTICES = 4, SBI_MEDIT_END = 54 };
 
 static const sbi_medit_section *sbi_medit_find(sbi_word name, int64_t code)
 {
-    static const sbi_medit_section sections[] = {
-        {"Edges", 5, 3},        {"Triangles", 6, 5},    {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
-        {"Prisms", 9, 13},      {"Hexahedra", 10, 12},  {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
-        {"TrianglesP2", 24, 22}, {"EdgesP2", 25, 21},   {"TetrahedraP2", 30, 24}};
+    static const sbi_medit_section sections[] = {{"Edges", 5, 3},          {"Triangles", 6, 5},
+                                                 {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
+                                                 {"Prisms", 9, 13},        {"Hexahedra", 10, 12},
+                                                 {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
+                                                 {"TrianglesP2", 24, 22},  {"EdgesP2", 25, 21},
+                                                 {"TetrahedraP2", 30, 24}};
     for (size_t i = 0; i < sizeof sections / sizeof sections[0]; i++)
         if (name.length ? sbi_word_is(name, sections[i].name) : sections[i].code == code)
             return &sections[i];
@@ -15889,9 +15804,9 @@ static sb_result sbi_medit_count(sbi_medit *medit, const char *what, int numbers
 {
     int64_t value = 0;
     sb_result result = sbi_medit_integer(medit, what, &value);
-    return result ? result
-                  : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers,
-                                           count);
+    return result
+               ? result
+               : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers, count);
 }
 
 /* ---- sections ---- */
@@ -15931,8 +15846,7 @@ static sb_result sbi_medit_reference(sbi_medit *medit, int *region)
     if (!result && (reference < INT_MIN || reference > INT_MAX))
         return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "reference %lld is too large", (long long)reference);
     *region = (int)reference;
-    return result ? result
-                  : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
+    return result ? result : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
 }
 
 static sb_result sbi_medit_cells(sbi_medit *medit, const sbi_medit_section *section)
@@ -16296,8 +16210,7 @@ static void sbi_inflate_block(sbi_inflater *z, const sbi_inflate_code *literals,
             return;
         /* 1 2 3 4, then two of each number of extra bits */
         distance = symbol < 4 ? symbol + 1
-                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) +
-                                    (int)sbi_inflate_bits(z, symbol / 2 - 1);
+                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) + (int)sbi_inflate_bits(z, symbol / 2 - 1);
         if (!z->wrong)
             sbi_inflate_copy(z, (size_t)length, (size_t)distance);
     }
@@ -16502,7 +16415,8 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     for (size_t i = 0; i < 8; i++)
         tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
     length = out_end - *out_size;
-    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) ||
+        tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
         return "its checksum is wrong";
     if (size - end > 8)
         return "something follows its end";
@@ -16753,11 +16667,11 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
-    int image;       /* ImageData, and the loader wants an image */
-    int extent[6];   /* of the image: first and last point along each axis */
-    int labels_in_cells; /* where the array lies that `regions` holds */
-    int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
-    sbi_word compressor; /* its name */
+    int image;              /* ImageData, and the loader wants an image */
+    int extent[6];          /* of the image: first and last point along each axis */
+    int labels_in_cells;    /* where the array lies that `regions` holds */
+    int compressed;         /* 1: by zlib, 2: by something else; ASCII arrays never are */
+    sbi_word compressor;    /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
     size_t appended;        /* first byte behind the "_"; 0: there is no appended data */
     sbi_vtu_format appended_format;
@@ -17109,8 +17023,8 @@ static sb_result sbi_vtu_read_cell(sbi_vtu *vtu, int list, sbi_vtu_list *read, i
         return sbi_reader_fail(&read->types.reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", cell,
                                (long long)type);
     if (end < read->offset)
-        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT, "the offset of cell %d is %lld, less than before",
-                               cell, (long long)end);
+        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT,
+                               "the offset of cell %d is %lld, less than before", cell, (long long)end);
     for (; read->offset < end && !result; read->offset++) {
         result = sbi_vtu_integer(&read->connectivity, "node index", &node);
         if (!result && (node < 0 || node >= vtu->point_count))
@@ -17351,8 +17265,8 @@ static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
-    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
-                                                      "NumberOfStrips"};
+    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines",
+                                                      "NumberOfPolys", "NumberOfStrips"};
     sb_result result;
     if (!vtu->has_grid || vtu->in_piece)
         return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "<Piece> where none should be");
@@ -17374,8 +17288,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 /* Type, components and place of the values. */
 static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
 {
-    static const char types[10][8] = {"Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64", "Float32",
-                                      "Float64"};
+    static const char types[10][8] = {"Int8",   "Int16",  "Int32",  "Int64",   "UInt8",
+                                      "UInt16", "UInt32", "UInt64", "Float32", "Float64"};
     sbi_reader *reader = &vtu->loader->reader;
     const char *end;
     sbi_word word;
@@ -17397,7 +17311,8 @@ static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
         return result;
     array->text = *reader;
     array->text.big_endian = vtu->big_endian;
-    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader)) : NULL;
+    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader))
+                                    : NULL;
     array->text.size = end ? (size_t)(end - reader->data) : reader->size;
     if (!sbi_xml_attribute(&vtu->xml, "format", &word) || sbi_word_is(word, "ascii"))
         return SB_OK;
@@ -17471,8 +17386,8 @@ static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_start(sbi_vtu *vtu)
 {
-    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells", "Verts", "Lines", "Polys", "Strips", "Points",
-                                                         "PointData", "CellData"};
+    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells",  "Verts",  "Lines",     "Polys",
+                                                         "Strips", "Points", "PointData", "CellData"};
     sbi_word name = vtu->xml.name;
     char text[32];
     if (!vtu->has_file && !sbi_word_equals(name, "VTKFile"))
@@ -17587,8 +17502,7 @@ static sb_result sbi_tetgen_end_row(sbi_reader *reader)
     char text[32];
     if (!sbi_reader_line_word(reader, &word))
         return SB_OK;
-    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end",
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end", sbi_word_print(word, text));
 }
 
 static sb_result sbi_tetgen_end_file(sbi_reader *reader)
@@ -17615,8 +17529,7 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
     if (!result)
         result = sbi_reader_integer(reader, "dimension", &dimension);
     if (!result && dimension != 3)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld",
-                               (long long)dimension);
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld", (long long)dimension);
     if (!result)
         result = sbi_tetgen_optional(reader, "the number of attributes", &attributes);
     if (!result)
@@ -17634,14 +17547,12 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
         if (i == 0)
             *base = number;
         if (!result && (number != *base + i || *base < 0 || *base > 1))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                                   "point number %lld: points are numbered from 0 or 1 on",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "point number %lld: points are numbered from 0 or 1 on",
                                    (long long)number);
         if (!result)
             result = sbi_loader_read_node(loader);
         if (!result)
-            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers,
-                                           "the attributes of a point");
+            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers, "the attributes of a point");
         if (!result)
             result = sbi_tetgen_end_row(reader);
     }
@@ -17717,8 +17628,7 @@ static sb_result sbi_tetgen_element(sbi_loader *loader, int corners, int attribu
     if (!result)
         result = sbi_tetgen_end_row(reader);
     return result ? result
-                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME,
-                                        region);
+                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME, region);
 }
 
 /* Tetrahedra, nodes of each (4 or 10), attributes of each; then number, nodes, attributes. */
@@ -17764,8 +17674,7 @@ static sb_result sbi_surface_expect(sbi_reader *reader, const char *keyword)
     if (!sbi_reader_word(reader, &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends where %s should be", keyword);
     if (!sbi_word_is(word, keyword))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text),
-                               keyword);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text), keyword);
     return SB_OK;
 }
 
@@ -17871,8 +17780,8 @@ static sb_result sbi_obj_pass(sbi_obj *obj, int pass)
         sbi_word word;
         sbi_reader ahead = *obj->reader;
         ahead.continuation = 0;
-        obj->reader->continuation =
-            sbi_reader_line_word(&ahead, &word) && (sbi_word_is(word, "v") || sbi_word_is(word, "f"));
+        obj->reader->continuation = sbi_reader_line_word(&ahead, &word) &&
+                                    (sbi_word_is(word, "v") || sbi_word_is(word, "f"));
         result = sbi_obj_line(obj, pass);
         if (!result && obj->reader->continuation)
             while (!sbi_reader_at_line_end(obj->reader))
@@ -17929,8 +17838,7 @@ static sb_result sbi_stl_binary(sbi_loader *loader)
     count = sbi_stl_count(reader->data);
     reader->at = SBI_STL_HEADER;
     if (!sbi_stl_is_binary(reader->data, reader->size))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                               "the file says %llu facets, but has %llu bytes for them",
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file says %llu facets, but has %llu bytes for them",
                                (unsigned long long)count, (unsigned long long)sbi_reader_left(reader));
     if (count > INT_MAX / 3)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
@@ -17989,8 +17897,8 @@ static sb_result sbi_stl_ascii(sbi_loader *loader)
             inside = !inside;
             sbi_reader_next_line(reader);
         } else {
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be",
-                                   sbi_word_print(word, text), inside ? "facet or endsolid" : "solid");
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be", sbi_word_print(word, text),
+                                   inside ? "facet or endsolid" : "solid");
         }
     }
     if (!result && inside)
@@ -18079,7 +17987,7 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
 
 typedef enum sbi_ply_role {
     SBI_PLY_OTHER = 0,
-    SBI_PLY_X = 1,      /* y and z follow */
+    SBI_PLY_X = 1,       /* y and z follow */
     SBI_PLY_CORNERS = 4, /* the list of a face */
     SBI_PLY_NX = 5       /* ny and nz follow */
 } sbi_ply_role;
@@ -18144,8 +18052,7 @@ static sb_result sbi_ply_read_type(sbi_ply *ply, const sbi_ply_type **type)
         return result;
     *type = sbi_ply_find_type(word);
     if (!*type)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -18159,8 +18066,7 @@ static sb_result sbi_ply_add_element(sbi_ply *ply)
     if (!result)
         result = sbi_reader_integer(ply->reader, "the number of rows", &rows);
     if (!result && rows < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld",
-                               (long long)rows);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld", (long long)rows);
     if (result)
         return result;
     if (ply->element_count == ply->element_capacity) {
@@ -18217,9 +18123,8 @@ static sb_result sbi_ply_add_property(sbi_ply *ply)
         return result;
     property.role = sbi_ply_find_role(ply, &property, name);
     if (ply->property_count == ply->property_capacity) {
-        void *grown =
-            sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
-                            ply->property_count + 1, sizeof ply->properties[0]);
+        void *grown = sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
+                                      ply->property_count + 1, sizeof ply->properties[0]);
         if (!grown)
             return sbi_loader_no_memory(ply->loader);
         ply->properties = (sbi_ply_property *)grown;
@@ -18241,8 +18146,7 @@ static sb_result sbi_ply_format(sbi_ply *ply, int *binary)
     ply->reader->big_endian = sbi_word_is(word, "binary_big_endian");
     *binary = !ply->ascii;
     if (*binary && !ply->reader->big_endian && !sbi_word_is(word, "binary_little_endian"))
-        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -18265,8 +18169,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
         else if (sbi_word_is(word, "property"))
             result = sbi_ply_add_property(ply);
         else if (!sbi_word_is(word, "comment") && !sbi_word_is(word, "obj_info"))
-            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header",
-                                   sbi_word_print(word, text));
+            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header", sbi_word_print(word, text));
     }
     if (!result && binary < 0)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
@@ -18313,9 +18216,8 @@ static sb_result sbi_ply_skip(sbi_ply *ply, const sbi_ply_property *property, in
                                (long long)count);
     if (ply->ascii)
         return sbi_reader_skip_words(ply->reader, (size_t)count, "a PLY row");
-    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row")
-               ? SB_OK
-               : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row") ? SB_OK
+                                                                                                   : SB_ERROR_FORMAT;
 }
 
 static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
@@ -18323,8 +18225,7 @@ static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
     int64_t count = 0, corner = 0;
     sb_result result = sbi_ply_integer(ply, property->count, "the length of a list", &count);
     if (!result && count < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld",
-                               (long long)count);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld", (long long)count);
     if (result || property->role != SBI_PLY_CORNERS)
         return result ? result : sbi_ply_skip(ply, property, count);
     sbi_loader_begin_cell(ply->loader);
@@ -18432,8 +18333,7 @@ static sb_result sbi_off_keyword(sbi_reader *reader, int *extras)
     if (rest.length == 3 && memcmp(rest.text, "OFF", 3) == 0)
         return SB_OK;
     if (word.length > 3 && memcmp(word.text + word.length - 3, "OFF", 3) == 0)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
-                               "%s is not supported: OFF of three coordinates is",
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "%s is not supported: OFF of three coordinates is",
                                sbi_word_print(word, text));
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of OFF", sbi_word_print(word, text));
 }
@@ -18501,8 +18401,7 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     for (int i = 0; i < counts[1] && !result; i++)
         result = sbi_off_face(loader);
     if (!result && sbi_reader_word(reader, &word))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face", sbi_word_print(word, text));
     return result;
 }
 #endif /* !defined(SB_NO_FILES) */
@@ -18639,8 +18538,9 @@ static sb_result sbi_voxels_read_packed(sbi_loader *loader, sbi_reader *reader, 
     const char *wrong = sbi_size_add(&limit, (size_t)count, (size_t)data->size) ? NULL : "";
     sb_result result;
     if (!wrong)
-        wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(
-            &loader->allocator, bytes, sbi_reader_left(reader), limit, &out, &size, &capacity);
+        wrong = (data->encoding == SBI_VOXELS_GZIP ? sbi_gunzip : sbi_inflate)(&loader->allocator, bytes,
+                                                                               sbi_reader_left(reader), limit, &out,
+                                                                               &size, &capacity);
     if (wrong && !wrong[0])
         result = sbi_loader_no_memory(loader);
     else if (wrong)
@@ -18804,7 +18704,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     sb_image made;
     sb_error error;
     if (!voxels->labels)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT,
+                               "the image has no array of one number per point or cell");
     memset(&made, 0, sizeof made);
     origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
     spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
@@ -18825,8 +18726,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     made.labels = voxels->labels;
     made.allocator = loader->allocator;
     if (sb_image_check(&made, &error) != SB_OK)
-        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
-                               error.message);
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result,
+                               "%s", error.message);
     voxels->labels = NULL;
     *image = made;
     return SB_OK;
@@ -19062,8 +18963,8 @@ static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
 {
     sb_result result = sbi_header_integer(line, "the dimension", dimension);
     if (!result && *dimension != 2 && *dimension != 3)
-        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
-                               *dimension);
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "an image of %d dimensions: label images have 3, or 2", *dimension);
     return result;
 }
 
@@ -19081,8 +18982,8 @@ static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
         char name[16];
         char class_;
         int size;
-    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
-                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1},  {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},   {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
                  {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
     char text[32];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
@@ -19132,7 +19033,8 @@ static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
 
 static int sbi_meta_is_true(const sbi_header_line *line)
 {
-    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+    return line->rest.length > 0 &&
+           (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
 }
 
 /* A line other than ElementDataFile. */
@@ -19238,8 +19140,8 @@ static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
     static const struct {
         char name[8];
         sbi_voxel_encoding encoding;
-    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
-                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT}, {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP},  {"gzip", SBI_VOXELS_GZIP}};
     char text[32];
     nrrd->has_encoding = 1;
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
@@ -19347,10 +19249,10 @@ static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
 
 static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
 {
-    const char *missing = !nrrd->has_counts       ? "sizes"
-                          : !nrrd->data->class_   ? "type"
-                          : !nrrd->has_encoding   ? "encoding"
-                                                  : NULL;
+    const char *missing = !nrrd->has_counts     ? "sizes"
+                          : !nrrd->data->class_ ? "type"
+                          : !nrrd->has_encoding ? "encoding"
+                                                : NULL;
     if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
         missing = "endian";
     return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;
@@ -19407,8 +19309,8 @@ SB_API sb_label_def sb_default_label_def(void)
 
 typedef struct sbi_field_box {
     const sb_label_def *def;
-    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
-    int counts[3];  /* of values along each axis */
+    int low[3];    /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3]; /* of values along each axis */
     size_t strides[3];
     float *filtered; /* [counts[2]][counts[1]][counts[0]] */
     float *values;   /* of the same size: what is marched, each on its side */
@@ -19435,9 +19337,9 @@ static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
     for (int axis = 0; axis < 3; axis++)
         if (at[axis] < 0 || at[axis] >= image->counts[axis])
             return 0;
-    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
-                                                           (size_t)image->counts[0] +
-                                                       (size_t)at[0]]);
+    return sbi_label_is_chosen(
+        box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) * (size_t)image->counts[0] +
+                                (size_t)at[0]]);
 }
 
 /* The box of the chosen voxels and how many there are. */
@@ -19506,7 +19408,8 @@ static void sbi_field_filter(const sbi_field_box *box, float *values)
 /* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
 static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
 {
-    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] +
+                         (size_t)at[2] * box->strides[2];
     float sum = 0;
     int count = 0;
     for (int axis = 0; axis < 3; axis++)
@@ -19573,13 +19476,12 @@ typedef struct sbi_cube_face {
     unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
 } sbi_cube_face;
 
-static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
-    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
-    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
-    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
-    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
-    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
-    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {{{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+                                                             {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+                                                             {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+                                                             {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+                                                             {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+                                                             {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
 
 /* Lower corner and axis of an edge. */
 static int sbi_cube_edge_axis(int edge) { return edge / 4; }
@@ -19592,9 +19494,9 @@ static int sbi_cube_edge_corner(int edge)
 typedef struct sbi_march {
     sbi_field_box *box;
     sbi_image_frame frame;
-    int mirrored;       /* the axes are left-handed: triangles turn round */
-    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
-    sb_vec3 *nodes;     /* NULL while they are counted */
+    int mirrored;    /* the axes are left-handed: triangles turn round */
+    int *rows[3][2]; /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;  /* NULL while they are counted */
     int *triangles;
     int64_t node_count, triangle_count;
 } sbi_march;
@@ -19717,12 +19619,14 @@ static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, 
 static void sbi_march_cube(sbi_march *march, const int at[3])
 {
     const sbi_field_box *box = march->box;
-    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] +
+                          (size_t)at[2] * box->strides[2];
     signed char next[SBI_CUBE_EDGES];
     int inside = 0;
     for (int c = 0; c < 8; c++)
-        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
-                  << c;
+        inside |=
+            (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+            << c;
     if (inside == 0 || inside == 255)
         return;
     sbi_cube_link(inside, next);
@@ -19928,7 +19832,8 @@ static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, s
     sb_real nearest = SB_REAL_MAX;
     int found = 0;
     for (int n = 0; n < 125; n++) {
-        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        sb_vec3 step = sb_m3_apply(frame->axes,
+                                   sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
         int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
         sb_real distance = sb_v3_norm(step);
         if (label != 0 && distance < nearest) {
@@ -19980,7 +19885,8 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
     if (!mesh->regions) {
         mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
         if (!mesh->regions)
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements",
+                            mesh->element_count);
     }
     frame = sbi_image_get_frame(image);
     for (int e = 0; e < mesh->element_count; e++)
@@ -20000,16 +19906,16 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
 #include <string.h>
 
 enum {
-    SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
-    SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
     SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
     SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
-    SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
     SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
     SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
-    SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
+    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
     SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
@@ -20021,11 +19927,11 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
-#define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
-#define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
-#define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
-#define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
+#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
+#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
 /* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
@@ -20146,9 +20052,9 @@ enum {
     SBI_LEAF_ORIGIN = 0,
     SBI_LEAF_ALONG = 3,
     SBI_LEAF_ACROSS = 6,
-    SBI_LEAF_AB = 9,          /* length */
-    SBI_LEAF_C = 10,          /* coordinates of C */
-    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_AB = 9,  /* length */
+    SBI_LEAF_C = 10,  /* coordinates of C */
+    SBI_LEAF_AC = 12, /* 1 / length^2, 0 for no length */
     SBI_LEAF_BC = 13,
     SBI_LEAF_SIZE = 14
 };
@@ -20176,23 +20082,23 @@ struct sb_surface {
     size_t bytes;
     void *block; /* what the allocator gave; the surface begins at its first cache line */
     int node_count, triangle_count, tree_count, leaf_count;
-    int unbalanced; /* edges not run through as often one way as the other */
-    sb_vec3 *nodes;        /* [node_count] scaled */
-    int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
-    int *element;          /* [triangle_count] */
-    unsigned char *shape;  /* [triangle_count] sound, thin or flat */
-    unsigned char *pinched;/* [node_count] 1: parts touch in this node */
-    int *fan_start;        /* [node_count + 1] */
-    int *fan;              /* [3 triangle_count] 3 triangle + corner, by node */
-    sb_vec3 *normal;       /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
+    int unbalanced;         /* edges not run through as often one way as the other */
+    sb_vec3 *nodes;         /* [node_count] scaled */
+    int (*corners)[3];      /* [triangle_count] */
+    int (*mate)[3];         /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
+    int *element;           /* [triangle_count] */
+    unsigned char *shape;   /* [triangle_count] sound, thin or flat */
+    unsigned char *pinched; /* [node_count] 1: parts touch in this node */
+    int *fan_start;         /* [node_count + 1] */
+    int *fan;               /* [3 triangle_count] 3 triangle + corner, by node */
+    sb_vec3 *normal;        /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
     sbi_surface_node *tree;
     sbi_surface_cluster *cluster; /* [tree_count] */
     sbi_surface_leaf *leaf;
-    int *leaf_slot;        /* [leaf_count] 4 parent + child */
-    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
-    sb_vec3 low, high;     /* m */
-    sb_vec3 centre;        /* scaled */
+    int *leaf_slot;      /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3]; /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
+    sb_vec3 low, high;   /* m */
+    sb_vec3 centre;      /* scaled */
     sb_real scale, inverse;
 };
 
@@ -20778,11 +20684,11 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
     int count;
-    float (*box)[8];  /* [count] low and high, four each for the width of a load, in any units */
-    int *order;       /* [count] */
+    float (*box)[8];                 /* [count] low and high, four each for the width of a load, in any units */
+    int *order;                      /* [count] */
     int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
-    int *slot;        /* [count] of each node in its parent */
-    int (*leaf)[2];   /* [count] places in the order: from, to */
+    int *slot;                       /* [count] of each node in its parent */
+    int (*leaf)[2];                  /* [count] places in the order: from, to */
     int tree_count, leaf_count;
 } sbi_surface_build;
 
@@ -21170,8 +21076,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                            mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -21404,7 +21310,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
         float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f),
+              cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -22125,13 +22032,13 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 typedef struct sbi_surface_beam {
     sb_vec3 origin, direction; /* unit */
     sb_real best, start;
-    int axis[3];               /* axis[2]: where the direction is largest */
+    int axis[3]; /* axis[2]: where the direction is largest */
     sb_real shear[3];
-    float p[3], inverse[3];    /* local start; 1 / direction, or huge */
-    float reach;               /* best beyond start, rounded up */
-    int triangle;              /* or -1 */
-    sb_real weight[2];         /* of corners 1 and 2 */
-    sb_surface_hit *hits;      /* all hits, a list of the nearest; NULL: first hit only */
+    float p[3], inverse[3]; /* local start; 1 / direction, or huge */
+    float reach;            /* best beyond start, rounded up */
+    int triangle;           /* or -1 */
+    sb_real weight[2];      /* of corners 1 and 2 */
+    sb_surface_hit *hits;   /* all hits, a list of the nearest; NULL: first hit only */
     int count, capacity, all;
 } sbi_surface_beam;
 
@@ -22495,36 +22402,36 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
 /* ---- the search ---------------------------------------------------------------------------------------------- */
 
 enum {
-    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
-    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
-    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
-    SBI_CROSSING_MORE = 1024   /* and so many more */
+    SBI_CROSSING_STEPS = 256, /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
+    SBI_CROSSING_FAN = 64,    /* triangles round a node that make it a hub */
+    SBI_CROSSING_PAIRS = 16,  /* pairs for each triangle that are counted, */
+    SBI_CROSSING_MORE = 1024  /* and so many more */
 };
 
 /* What lasts over a search. */
 typedef struct sbi_crossing {
     const sb_surface *s;
     const sb_allocator *allocator;
-    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
+    unsigned char *crossing; /* [triangles] 1: crosses another; or NULL */
     sb_surface_place *crossings, *crowds;
-    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
-    int most;                    /* pairs after which counting ends */
-    int partial;                 /* 1: pairs may be missing */
+    int *hub;    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
+    int most;    /* pairs after which counting ends */
+    int partial; /* 1: pairs may be missing */
 } sbi_crossing;
 
 /* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
 typedef struct sbi_crossing_tree {
     const sb_surface *tree;
-    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
+    const int *names;                     /* [tree triangles] number in the surface, ascending; NULL: the same */
     int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
-    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
+    int skips_fans;                       /* 1: pairs of one hub are found elsewhere */
 } sbi_crossing_tree;
 
 /* One triangle that looks for partners, in local coordinates of the tree. */
 typedef struct sbi_crossing_seeker {
-    int name;             /* in the surface */
-    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
-    int hub;              /* whose triangles are left out; -1: none */
+    int name;     /* in the surface */
+    int is_after; /* looks for partners with lower numbers; else for those with higher ones */
+    int hub;      /* whose triangles are left out; -1: none */
     int steps;
     float corner[3][3], low[3], high[3], normal[3], offset;
 } sbi_crossing_seeker;
@@ -22912,7 +22819,8 @@ static int sbi_inside_out_looks_inward(const sb_surface *s, int triangle)
     size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
     middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
     off = sb_v3_scale(sb_sqrt(SB_EPSILON) * size, sbi_surface_unit_normal(s, triangle));
-    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 && sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
+    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 &&
+           sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
 }
 
 /* Lists the triangles that share nodes with list[0], each marked; returns how many. */
@@ -22967,18 +22875,18 @@ SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
-    SBI_FOUND_OPEN = 0,
-    SBI_FOUND_FLIPPED = 1,
-    SBI_FOUND_EDGE = 2,
-    SBI_FOUND_NODE = 3,
-    SBI_FOUND_DEGENERATE = 4,
-    SBI_FOUND_DUPLICATE = 5,
-    SBI_FOUND_UNWELDED = 6,
-    SBI_FOUND_INSIDE_OUT = 7,
-    SBI_FOUND_CROSSING = 8,
-    SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10,
-    SBI_FOUND_CROWDED = 11
+       SBI_FOUND_OPEN = 0,
+       SBI_FOUND_FLIPPED = 1,
+       SBI_FOUND_EDGE = 2,
+       SBI_FOUND_NODE = 3,
+       SBI_FOUND_DEGENERATE = 4,
+       SBI_FOUND_DUPLICATE = 5,
+       SBI_FOUND_UNWELDED = 6,
+       SBI_FOUND_INSIDE_OUT = 7,
+       SBI_FOUND_CROSSING = 8,
+       SBI_FOUND_UNREFERENCED = 9,
+       SBI_FOUND_PARTS = 10,
+       SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -23050,7 +22958,8 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
         int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                          mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (s->pinched[v] && !nonmanifold) {
             place->node = v;
@@ -23065,12 +22974,12 @@ typedef struct sbi_found_scratch {
     sb_surface *surface;
     sb_mesh_report mesh;
     sbi_mesh_keys edges;
-    sb_index_table part;        /* part of each element */
-    unsigned char *skip;        /* [elements] faces with a node twice */
-    int *representative;        /* [nodes] */
-    double *volume;             /* [parts] */
-    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
-    unsigned char *open;        /* [parts] 1: not closed, or not consistent */
+    sb_index_table part; /* part of each element */
+    unsigned char *skip; /* [elements] faces with a node twice */
+    int *representative; /* [nodes] */
+    double *volume;      /* [parts] */
+    int *first, *order;  /* [parts + 1], [triangles] triangles by part */
+    unsigned char *open; /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
 
@@ -23462,9 +23371,9 @@ enum { SBI_HOLE_LONGEST = 256 };
 typedef struct sbi_hole {
     const sb_surface *s;
     int count;
-    int node[SBI_HOLE_LONGEST];                                  /* along the border, as the new triangles go */
-    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];            /* least area between nodes i and j */
-    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];      /* third corner of the triangle on i, j */
+    int node[SBI_HOLE_LONGEST];                             /* along the border, as the new triangles go */
+    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];       /* least area between nodes i and j */
+    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST]; /* third corner of the triangle on i, j */
 } sbi_hole;
 
 /* Area of a new triangle; infinite where it would have none. */
@@ -23712,13 +23621,13 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
 /* ---- stuffing_lattice.c ---- */
 
 #define SBI_STUFF_COOKIE 0x53545546u
-#define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
-#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285)   /* parts of an edge within which its end is warped to the cut */
+#define SBI_STUFF_BLOCK 16                    /* half cells along a block of sampling: 8 cells */
+#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285) /* parts of an edge within which its end is warped to the cut */
 #define SBI_STUFF_ALPHA_SHORT ((sb_real)0.3975)
 #define SBI_STUFF_SHORT ((sb_real)0.8660254037844386) /* length of a short edge in cells */
 #define SBI_STUFF_MAX_LEVELS 8
-#define SBI_STUFF_EDGES 7          /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
-#define SBI_STUFF_CHUNK 128        /* surface points per task */
+#define SBI_STUFF_EDGES 7   /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
+#define SBI_STUFF_CHUNK 128 /* surface points per task */
 
 /* A set of lattice points that numbers its members in lattice order: count before each word, and bits within it. */
 typedef struct sbi_stuffing_set {
@@ -23737,9 +23646,9 @@ typedef enum sbi_stuffing_state {
 /* A point with an edge to another label. */
 typedef struct sbi_stuffing_point {
     int half[3];
-    int active;             /* its number among the points of the mesh */
+    int active; /* its number among the points of the mesh */
     unsigned char label, state;
-    sb_real moved;          /* distance from its place in the lattice, in cells */
+    sb_real moved;                /* distance from its place in the lattice, in cells */
     sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
 } sbi_stuffing_point;
 
@@ -23752,29 +23661,29 @@ typedef struct sbi_stuffing {
     const sb_stuff_def *def;
     sb_error *error;
     sb_vec3 low, high, origin;
-    int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
-    sb_real half;                 /* m, half a cell */
-    int n[3];                     /* cells, multiples of 2^levels */
-    size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
-    size_t point_count;           /* of the lattice: two per cell, cells of the last layer half used */
-    unsigned char *labels;        /* [point_count] 1 + shape, 0 outside */
+    int attempt;           /* 0: the lattice is centred; each other number shifts it in its own way */
+    double *reported;      /* fraction that the progress callback was notified of, over all attempts */
+    sb_real half;          /* m, half a cell */
+    int n[3];              /* cells, multiples of 2^levels */
+    size_t stride[3];      /* of cells in labels: 1, n + 1, ... */
+    size_t point_count;    /* of the lattice: two per cell, cells of the last layer half used */
+    unsigned char *labels; /* [point_count] 1 + shape, 0 outside */
     unsigned char *split[SBI_STUFF_MAX_LEVELS + 1]; /* 1: this cell of size 2^level is made of smaller ones */
     sbi_stuffing_set surface, active;
     int tet_count;
-    int *tets;                    /* [tet_count][4] active points */
-    sb_vec3 *positions;           /* [active.count] */
-    unsigned char *active_label;  /* [active.count] */
-    int *point_of;                /* [active.count] surface point, or -1 */
-    sbi_stuffing_point *points;   /* [surface.count] */
-    sb_real *values;              /* [surface.count][shapes] distances, where an edge needs them */
+    int *tets;                      /* [tet_count][4] active points */
+    sb_vec3 *positions;             /* [active.count] */
+    unsigned char *active_label;    /* [active.count] */
+    int *point_of;                  /* [active.count] surface point, or -1 */
+    sbi_stuffing_point *points;     /* [surface.count] */
+    sb_real *values;                /* [surface.count][shapes] distances, where an edge needs them */
     sbi_stuffing_failure *failures; /* one per task of a slice */
-    int first;                    /* first block or point of the slice that tasks work on */
+    int first;                      /* first block or point of the slice that tasks work on */
     /* what the stencils make */
-    int *cut_node;                /* [surface.count][7] node of the cut, -1: none yet */
+    int *cut_node; /* [surface.count][7] node of the cut, -1: none yet */
     sb_vec3 *cut_positions;
     int cut_count;
-    int *elements;                /* [element_count][4] active points, then cuts */
+    int *elements; /* [element_count][4] active points, then cuts */
     unsigned char *element_labels;
     int element_count, element_capacity;
 } sbi_stuffing;
@@ -23862,13 +23771,13 @@ SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s);
 
 /* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
 typedef struct sbi_stuffing_view {
-    const int *nodes;  /* active points */
+    const int *nodes; /* active points */
     int point[4];
-    int label[4];      /* -1: a zero */
-    int outside;       /* a strict point lies outside: the regions count as one side */
+    int label[4]; /* -1: a zero */
+    int outside;  /* a strict point lies outside: the regions count as one side */
     int zeros, inner_zeros;
-    int a, b;          /* two different labels among the strict, not outside; -1: none */
-    int more;          /* 1: there are further labels */
+    int a, b; /* two different labels among the strict, not outside; -1: none */
+    int more; /* 1: there are further labels */
 } sbi_stuffing_view;
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
@@ -23896,15 +23805,16 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
-#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
-#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
+#define SBI_STUFF_ATTEMPTS 12     /* places of the lattice that are tried while the boundary is too far off */
+#define SBI_STUFF_SPLITS 4        /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 16      /* of a triangle: the first few decide whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7 /* corners, middles of edges, centre */
 
 /* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report);
 
 #endif /* SBI_STUFFING_PRIVATE_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -23979,10 +23889,7 @@ SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
     return 1;
 }
 
-SBI_API int sbi_stuffing_separator(int a, int b)
-{
-    return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
-}
+SBI_API int sbi_stuffing_separator(int a, int b) { return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1; }
 
 /* ---- the lattice ---- */
 
@@ -24054,7 +23961,8 @@ SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
     *s->reported = fraction > *s->reported ? fraction : *s->reported;
     if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%",
+                        100 * *s->reported);
     return SB_OK;
 }
 
@@ -24712,10 +24620,10 @@ SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double
 
 /* One edge of a surface point, seen from it. */
 typedef struct sbi_stuffing_edge {
-    int other;       /* surface point */
+    int other;                /* surface point */
     sb_real fraction, length; /* of the cut from the point; of the edge in cells */
     sb_real alpha;
-    int inner;       /* 1: between two regions; 0: to the outside */
+    int inner; /* 1: between two regions; 0: to the outside */
 } sbi_stuffing_edge;
 
 /* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
@@ -24904,9 +24812,9 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
  * boundaries: this ends. */
 
 typedef struct sbi_stuffing_link {
-    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int step[14][3]; /* to the neighbours: 6 long edges, 8 short */
     int triangle[24][3];
-    int beside[24][3];     /* triangle across the edge opposite corner i */
+    int beside[24][3]; /* triangle across the edge opposite corner i */
 } sbi_stuffing_link;
 
 static int sbi_stuffing_has_corner(const int triangle[3], int corner)
@@ -25298,7 +25206,7 @@ SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s)
     if (!s->cut_node || !s->cut_positions || cuts > (size_t)(INT_MAX - s->active.count))
         return sbi_stuffing_no_memory(s);
     memset(s->cut_node, 0xff, edges * sizeof(int)); /* all -1 */
-    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
+    for (int pass = 0; pass < 2; pass++) {          /* count, then fill */
         s->element_count = 0;
         for (int t = 0; t < s->tet_count && s->element_count < INT_MAX - 8; t++)
             sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
@@ -25413,9 +25321,10 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 /* Sample k of a triangle: corners, middles of edges, centre, quarters of edges, and between. */
 static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
 {
-    static const signed char twelfths[SBI_STUFF_SAMPLES][3] = {
-        {12, 0, 0}, {0, 12, 0}, {0, 0, 12}, {6, 6, 0}, {0, 6, 6}, {6, 0, 6}, {4, 4, 4}, {9, 3, 0},
-        {3, 9, 0},  {0, 9, 3},  {0, 3, 9},  {3, 0, 9}, {9, 0, 3}, {6, 3, 3}, {3, 6, 3}, {3, 3, 6}};
+    static const signed char twelfths[SBI_STUFF_SAMPLES][3] = {{12, 0, 0}, {0, 12, 0}, {0, 0, 12}, {6, 6, 0},
+                                                               {0, 6, 6},  {6, 0, 6},  {4, 4, 4},  {9, 3, 0},
+                                                               {3, 9, 0},  {0, 9, 3},  {0, 3, 9},  {3, 0, 9},
+                                                               {9, 0, 3},  {6, 3, 3},  {3, 6, 3},  {3, 3, 6}};
     const int *nodes = surface->elements + 3 * (size_t)face;
     sb_vec3 p = sb_v3(0, 0, 0);
     for (int i = 0; i < 3; i++)
@@ -25497,8 +25406,8 @@ static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node
  * closer to the surface. Returns 1 when it did. */
 static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
 {
-    static const sb_real scales[6][2] = {
-        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    static const sb_real scales[6][2] = {{1, 0}, {(sb_real)0.5, 0},  {2, 0},
+                                         {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
     sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
     sb_real least = 0;
     for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
@@ -25733,7 +25642,8 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
     return result;
 }
 
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
@@ -25751,7 +25661,7 @@ SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, con
 #include <stdio.h>
 
 enum {
-    SBI_SHARE_LEAST = 400,     /* samples of a shape's surface */
+    SBI_SHARE_LEAST = 400, /* samples of a shape's surface */
     SBI_SHARE_MOST = 20000,
     SBI_SHARE_POINTS = 400000, /* of a box in which a function is sampled */
     SBI_SHARE_STEPS = 200      /* of a search for the far side of a function */
@@ -25766,7 +25676,7 @@ typedef struct sbi_share_sample {
 
 typedef struct sbi_share {
     const sb_stuff_def *def;
-    int number;                /* of the shape */
+    int number; /* of the shape */
     const sb_shape *shape;
     sb_vec3 low, high;         /* box that functions are sampled in */
     sbi_share_sample *samples; /* [SBI_SHARE_MOST] of the surface that lies in the first shape */
@@ -26022,7 +25932,8 @@ static int sbi_share_trusts_volume(const sbi_share *share)
         return 1;
     memset(&crossings, 0, sizeof crossings);
     memset(&crowds, 0, sizeof crowds);
-    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 && crossings.count == 0;
+    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 &&
+           crossings.count == 0;
 }
 
 /* Names the cell that would keep the shape. A third of what may be missing is allowed to be thinner. */
@@ -26187,7 +26098,8 @@ static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_erro
         if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
             return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
         if (triangle >= 0)
-            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+            return sbi_fail_element(error, SB_ERROR_MESH,
+                                    sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
                                     "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
                                     "it): sb_surface_repair turns it",
                                     shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
@@ -26284,8 +26196,8 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
-                                   int cells[3], sb_error *error)
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh,
+                                   sb_real *distance, int cells[3], sb_error *error)
 {
     sbi_stuffing s;
     sb_result result;
@@ -26408,8 +26320,7 @@ SB_API sb_real sb_material_poisson(const sb_material *material)
 
 /* ---- constructors ---- */
 
-static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson,
-                                           sb_real density)
+static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson, sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
@@ -26477,8 +26388,7 @@ SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d
     return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
 }
 
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density)
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density)
 {
     sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
     m.c20 = c20;
@@ -26494,8 +26404,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
 }
 
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count)
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
 {
     material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
     for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
@@ -26550,8 +26459,8 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                    (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
         if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
-                            names[i], (double)values[i]);
+                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))", names[i],
+                            (double)values[i]);
     }
     return SB_OK;
 }
@@ -26569,8 +26478,8 @@ static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *er
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa",
-                        (double)m->mu, mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
+                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
@@ -26595,21 +26504,19 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
 {
     sb_real sum = 0;
     if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d",
-                        m->prony_count, (int)SB_MAX_PRONY_TERMS);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
+                        (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but the %s model is not hyperelastic",
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but the %s model is not hyperelastic",
                         m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
-            return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material Prony term %d has g %g and tau %g s, not finite", i, (double)g,
-                            (double)tau);
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
+                            (double)g, (double)tau);
         if (!(g > 0 && g < 1))
-            return sbi_fail(error, SB_ERROR_MATERIAL,
-                            "material Prony term %d has g %g, must be inside (0, 1)", i, (double)g);
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
+                            (double)g);
         if (!(tau > 0))
             return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
                             (double)tau);
@@ -26628,13 +26535,12 @@ static sb_result sbi_material_check_moduli(const sb_material *m, sb_error *error
     double young = (double)sb_material_young(m), poisson = (double)sb_material_poisson(m);
     if (!(m->mu > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)",
-                        (double)m->mu, young, poisson);
+                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)", (double)m->mu,
+                        young, poisson);
     if (!(sb_material_bulk(m) > 0) || !(poisson < 0.5))
-        return sbi_fail(
-            error, SB_ERROR_MATERIAL,
-            "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
-            poisson, (double)sb_material_bulk(m), (double)m->mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
+                        poisson, (double)sb_material_bulk(m), (double)m->mu);
     return SB_OK;
 }
 
@@ -26720,8 +26626,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     return 1;
 }
 
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81])
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81])
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
@@ -26742,8 +26648,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
 {
     sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
-    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) ||
-        !(largest > 0))
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
         return 0;
     /* By the largest component first, lest squares overflow. */
     direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
@@ -26755,8 +26660,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
 {
     sb_vec3 unit;
     sb_real energy = 0;
-    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy_inline(material, F, unit, &energy))
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_energy_inline(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -26787,10 +26691,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 
 /* ---- stress measures ---- */
 
-SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
-{
-    return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F));
-}
+SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P) { return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F)); }
 
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P)
 {
@@ -26895,8 +26796,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
 static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
 
 /* S0 = F^-1 P, symmetric but for rounding. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6])
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
 {
     sb_mat3 p;
     sb_real J = sb_m3_det(*F), stress[6];
@@ -26928,14 +26828,13 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 }
 
 /* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
-static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
     sb_real prestress[6];
     sb_mat3 remembered, stress;
-    if (!sb_material_stress(&left, F, NULL, &stress) ||
-        (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
         return 0;
     sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
     for (int k = 0; k < 6; k++) {
@@ -26946,8 +26845,8 @@ static int sbi_material_history_total(const sb_material *material, const sb_mate
     return sbi_material_all_finite(P->m[0], 9);
 }
 
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material relaxing;
     sb_real s0[6];
@@ -27252,8 +27151,8 @@ static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, 
 }
 
 /* Stress of a compressible material in a test, and its derivatives by the constants when row is given. */
-static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point,
-                                        double *stress, double *row)
+static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
+                                        double *row)
 {
     const sb_test_kind kind = point->kind;
     sb_material m = sbi_fit_material(fit, c, sbi_fit_bulk(fit, c));
@@ -27286,8 +27185,7 @@ static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, con
     return 1;
 }
 
-static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
-                           double *row)
+static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress, double *row)
 {
     double basis[3] = {0, 0, 0};
     if (fit->compressible)
@@ -27335,8 +27233,7 @@ static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
     double sum = 0;
     for (int k = 0; k < fit->count; k++) {
         double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
-        if (weight > 0 &&
-            (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+        if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
             *worst = k;
             return -1;
         }
@@ -27396,8 +27293,7 @@ static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error 
 }
 
 /* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
-static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c,
-                             double *new_cost)
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c, double *new_cost)
 {
     int worst;
     for (double t = 1; t > 1e-4; t /= 2) {
@@ -27452,8 +27348,7 @@ static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *erro
         if (change <= 16 * (double)SB_EPSILON)
             return SB_OK;
     }
-    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations",
-                    info->iterations);
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations", info->iterations);
 }
 
 /* ---- how good it is ---- */
@@ -27533,8 +27428,7 @@ static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
 }
 
 /* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
-static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end,
-                                double *strain)
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end, double *strain)
 {
     const int steps = 64;
     for (int k = 0; k <= steps; k++) {
@@ -27564,8 +27458,7 @@ static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
             continue;
         info->stable = 0;
         info->unstable_kind = (sb_test_kind)kind;
-        info->unstable_strain =
-            (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        info->unstable_strain = (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
         return;
     }
 }
@@ -27589,9 +27482,8 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                        "fit options have poisson %g, d1 %g, density %g, not finite", (double)o->poisson,
-                        (double)o->d1, (double)o->density);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
+                        (double)o->poisson, (double)o->d1, (double)o->density);
     if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
     if (o->d1 < 0)
@@ -27600,25 +27492,22 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
                         (double)o->poisson);
     if (!(o->density > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0",
-                        (double)o->density);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0", (double)o->density);
     return SB_OK;
 }
 
 static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
 {
     if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k,
-                        (int)point->kind);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k, (int)point->kind);
     if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
                         (int)point->measure);
     if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite",
-                        k, (double)point->strain, (double)point->stress);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite", k,
+                        (double)point->strain, (double)point->stress);
     if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k,
-                        (double)point->strain);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k, (double)point->strain);
     return SB_OK;
 }
 
@@ -27631,8 +27520,8 @@ static sb_result sbi_fit_check(const sbi_fit *fit, sb_fit_info *info, sb_error *
         info->points += result == SB_OK && sbi_fit_weight(fit, fit->data + k) > 0;
     }
     if (result == SB_OK && info->points < fit->n)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants",
-                          info->points, fit->n);
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants", info->points,
+                          fit->n);
     return result;
 }
 
@@ -27711,8 +27600,8 @@ static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given,
     }
 }
 
-static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                     int terms, sb_error *error)
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                     sb_error *error)
 {
     if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
@@ -27724,8 +27613,7 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
                             (double)time[k], (double)g[k]);
         if (!(time[k] > 0))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k,
-                            (double)time[k]);
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
     }
     for (int i = 0; tau && i < terms; i++)
         if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
@@ -27735,8 +27623,8 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
 }
 
 /* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
-static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau,
-                                 int terms, sbi_fit_system *system)
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau, int terms,
+                                 sbi_fit_system *system)
 {
     sbi_fit_begin(system, terms);
     for (int k = 0; k < count; k++) {
@@ -27766,8 +27654,8 @@ static void sbi_fit_judge_prony(const sb_material *m, const sb_real *time, const
     info->stable = 1; /* every g_i > 0: what relaxes only ever loses energy */
 }
 
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error)
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error)
 {
     double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own;
     sb_real kept_g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
@@ -27787,8 +27675,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     weakest = sbi_fit_weakest(&system, &own);
     if (tau && own < sbi_fit_least_own)
         return sbi_fail(error, SB_ERROR_INDEFINITE,
-                        "the data do not determine g of tau %d, %g s: %g of its influence is its own",
-                        weakest, times[weakest], own);
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own", weakest,
+                        times[weakest], own);
     sbi_fit_solve_nonnegative(&system, c);
     for (int i = 0; i < terms; i++)
         if (c[i] > 0) {
@@ -30713,7 +30601,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c
 {
 #if defined(SBI_HAS_SHUFFLE)
     sbi_float4 low = __builtin_shufflevector(a, b, 0, 4, 1, 5), high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
-    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7), second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
+    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7),
+               second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
     return sbi_f4_add(sbi_f4_add(first, second), __builtin_shufflevector(high, c, 0, 1, 6, 7));
 #else
     return sbi_f4_make(sbi_f4_sum(a), sbi_f4_sum(b), sbi_f4_sum(c));
@@ -38494,58 +38383,58 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 
 /* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
 typedef struct sbi_grid_box {
-    sb_vec3 centre, half;   /* m */
-    unsigned undecided;     /* shapes whose surface may cut the box */
-    unsigned inside;        /* shapes that the whole box is inside of */
+    sb_vec3 centre, half;         /* m */
+    unsigned undecided;           /* shapes whose surface may cut the box */
+    unsigned inside;              /* shapes that the whole box is inside of */
     int near[SB_GRID_MAX_SHAPES]; /* triangle of each surface that was closest to the last centre, or -1 */
 } sbi_grid_box;
 
 /* What one region has of a cell, in shares of the cell. */
 typedef struct sbi_grid_part {
-    double phi[8];          /* share of each octant */
-    double mass[36];        /* int N_a N_b of the pairs a <= b */
+    double phi[8];   /* share of each octant */
+    double mass[36]; /* int N_a N_b of the pairs a <= b */
     int64_t points;
 } sbi_grid_part;
 
 /* A cell that may be kept. */
 typedef struct sbi_grid_candidate {
-    int box;                /* number in the lattice */
-    int level;              /* of its octree */
-    int part;               /* its parts start at this times slot_count, or -1: full of one region */
-    int slot;               /* that region; of a cut cell: the one with most of it */
+    int box;   /* number in the lattice */
+    int level; /* of its octree */
+    int part;  /* its parts start at this times slot_count, or -1: full of one region */
+    int slot;  /* that region; of a cut cell: the one with most of it */
     unsigned undecided, inside;
-    int first_cell;         /* of the body's mesh */
-    int cell_count;         /* there; 0: the cell is dropped */
+    int first_cell; /* of the body's mesh */
+    int cell_count; /* there; 0: the cell is dropped */
 } sbi_grid_candidate;
 
 typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
+    unsigned open;                               /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
-    int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
-    int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
-    unsigned *undecided, *inside;        /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
+    int slot_of[SB_GRID_MAX_SHAPES];             /* slot of each shape's region, or -1: empty */
+    int regions[SB_GRID_MAX_SHAPES];             /* [slot_count] */
+    unsigned *undecided, *inside;                /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
     int candidate_count, cut_count;
-    sbi_grid_candidate *candidates;      /* [candidate_count] */
-    int *cut;                            /* [cut_count] candidates that are cut */
-    sbi_grid_part *parts;                /* [cut_count][slot_count] */
-    sbi_grid_part full;                  /* of a cell inside */
-    double done, total;                  /* tasks, for progress */
-    int first_task;                      /* of the slab being run */
+    sbi_grid_candidate *candidates; /* [candidate_count] */
+    int *cut;                       /* [cut_count] candidates that are cut */
+    sbi_grid_part *parts;           /* [cut_count][slot_count] */
+    sbi_grid_part full;             /* of a cell inside */
+    double done, total;             /* tasks, for progress */
+    int first_task;                 /* of the slab being run */
     sb_task task;
 } sbi_grid_work;
 
 /* Walks an octree and hands points on: to the sums of the cell's parts, or to where finite cells are written. */
 typedef struct sbi_grid_walk {
     const sbi_grid_work *work;
-    sb_vec3 centre;         /* of the cell (m) */
+    sb_vec3 centre; /* of the cell (m) */
     int level;
-    sbi_grid_part *parts;   /* [slot_count], or NULL: */
-    int *at;                /* [slot_count] next point of each region, counted from the cell's first */
-    int first_cell;         /* of the body's mesh */
-    int bad;                /* 1: a distance was not finite */
+    sbi_grid_part *parts; /* [slot_count], or NULL: */
+    int *at;              /* [slot_count] next point of each region, counted from the cell's first */
+    int first_cell;       /* of the body's mesh */
+    int bad;              /* 1: a distance was not finite */
 } sbi_grid_walk;
 
 SB_INLINE const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
@@ -38625,7 +38514,8 @@ enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
 
 /* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
  * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
-static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point, int *near)
+static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point,
+                                         int *near)
 {
     sb_surface_hit hit;
     sb_vec3 normal;
@@ -38664,7 +38554,8 @@ SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(surface, turned, NULL),
                                     "the surface of %s is inside out, or a part of it is (element %d belongs to it): "
                                     "sb_surface_repair turns it",
-                                    s == 0 ? "def.outer" : "an inner shape", sb_surface_triangle(surface, turned, NULL));
+                                    s == 0 ? "def.outer" : "an inner shape",
+                                    sb_surface_triangle(surface, turned, NULL));
         if (!sb_surface_is_closed(surface)) {
             work->open |= 1u << s;
             continue;
@@ -38924,8 +38815,8 @@ static void sbi_grid_classify_block(void *user, int index)
     int x0 = index % bx * SBI_GRID_BLOCK, y0 = index / bx % by * SBI_GRID_BLOCK, z0 = index / bx / by * SBI_GRID_BLOCK;
     sb_vec3 half = sb_v3_scale((sb_real)0.5, grid->cell_size);
     sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
-                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
-                                           (1u << work->shape_count) - 1, 0);
+                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half), (1u << work->shape_count) - 1,
+                                           0);
     int good = sbi_grid_decide(work, sb_v3_norm(block.half), &block);
     for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
         for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
@@ -38993,7 +38884,8 @@ SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
     result = sbi_grid_run(work, sbi_grid_classify_block,
-                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1,
+                          error);
     return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 
@@ -39417,7 +39309,8 @@ static sb_result sbi_grid_check_def(const sb_grid_def *def, sb_error *error)
     if (def->inner_count < 0 || def->inner_count >= SB_GRID_MAX_SHAPES || (def->inner_count > 0 && !def->inner))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.inner is NULL, or def.inner_count %d not in [0, %d]",
                         def->inner_count, SB_GRID_MAX_SHAPES - 1);
-    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) || !(def->least_share < 1))
+    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) ||
+        !(def->least_share < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.void_stiffness %g and def.least_share %g must be in [0, 1)",
                         (double)def->void_stiffness, (double)def->least_share);
     if (def->max_points < 8)
@@ -39480,7 +39373,8 @@ static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_erro
     edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
     for (int i = 0; i < 3; i++) {
         begin[i] = from[i];
-        counts[i] = given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
+        counts[i] = given ? (double)def->counts[i]
+                          : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
     }
     if (!(counts[0] * counts[1] * counts[2] < INT32_MAX / 64))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a grid of %g x %g x %g cells is too large", counts[0], counts[1],
@@ -39709,7 +39603,8 @@ static int sbi_grid_find_cell(const sb_grid *grid, sb_vec3 point, double *gap)
 }
 
 /* Appends the row of a point; `index` names it in errors. */
-static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what, sb_error *error)
+static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what,
+                                  sb_error *error)
 {
     const sb_grid *grid = filling->grid;
     double xi[3], shape[8], gap;
@@ -39734,8 +39629,8 @@ static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int 
     return SB_OK;
 }
 
-SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
-                                    sb_grid_rows *rows, sb_error *error)
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count,
+                                    const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error)
 {
     sbi_grid_filling filling;
     sb_result result;
@@ -39819,7 +39714,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
 {
     sb_result result;
     if (!grid || !grid->lattice || !surface || !rows || (triangles && count < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_map_surface needs a grid, a surface and a place for the rows");
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_grid_map_surface needs a grid, a surface and a place for the rows");
     result = sbi_mesh_check_arrays(surface, error);
     if (result != SB_OK)
         return result;
@@ -39828,7 +39724,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
                         sb_element_name(surface->element_type));
     for (int i = 0; triangles && i < count; i++)
         if (triangles[i] < 0 || triangles[i] >= surface->element_count)
-            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d", triangles[i]);
+            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d",
+                                    triangles[i]);
     return SB_OK;
 }
 
@@ -46789,28 +46686,28 @@ typedef struct sbi_embed_volume {
     sb_allocator allocator;
     const sb_mesh *mesh;
     int width, corners, faces;
-    int is_box;                /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
-    sb_real scale;             /* largest coordinate (m): rounding errors are epsilon times this */
-    sb_boundary boundary;      /* with the nodes of the volume */
+    int is_box;                     /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
+    sb_real scale;                  /* largest coordinate (m): rounding errors are epsilon times this */
+    sb_boundary boundary;           /* with the nodes of the volume */
     sb_index_table neighbours;      /* of elements across their faces */
     sb_index_table face_neighbours; /* of boundary faces across their edges */
-    int *boundary_face;        /* [elements][faces] or -1 */
-    sb_real (*planes)[4][4];   /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
-    sb_real *bulge;            /* [elements] how far the element may lie from its straight one (m) */
-    int leaf_first;            /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
-    int *order;                /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
+    int *boundary_face;             /* [elements][faces] or -1 */
+    sb_real (*planes)[4][4]; /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
+    sb_real *bulge;          /* [elements] how far the element may lie from its straight one (m) */
+    int leaf_first;          /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
+    int *order;              /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
     sbi_embed_box *boxes;
     sbi_embed_face face;
-    sb_real *weights;          /* [boundary faces][face nodes] angle at the node (rad) */
-    sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
+    sb_real *weights; /* [boundary faces][face nodes] angle at the node (rad) */
+    sb_vec3 *normals; /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:
@@ -46921,8 +46818,8 @@ static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x
     for (int k = 0; k < 2; k++) {
         t[k] = sb_v3(0, 0, 0);
         for (int j = 0; j < face->nodes; j++)
-            t[k] = sb_v3_madd(
-                t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
+            t[k] = sb_v3_madd(t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]),
+                              x[j]);
     }
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
@@ -47058,8 +46955,7 @@ static sb_real sbi_embed_bulge(const sbi_embed_volume *volume, const sb_vec3 *x)
 /* L_a as linear functions of the position, for the straight tet of four corners. */
 static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
 {
-    sb_mat3 inverse =
-        sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+    sb_mat3 inverse = sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
     for (int k = 0; k < 4; k++)
         planes[0][k] = 0;
     for (int a = 1; a < 4; a++) {
@@ -47169,8 +47065,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;
@@ -47346,8 +47242,8 @@ static int sbi_embed_descend(const sbi_embed_model *model, const sb_real h[3], i
  * every release is followed by a descent. */
 static void sbi_embed_minimise(const sbi_embed_model *model, int is_box, sbi_embed_state *state)
 {
-    sb_real h[3], tolerance = 64 * SB_EPSILON * (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) +
-                                                 sb_abs(model->g[2]));
+    sb_real h[3], tolerance = 64 * SB_EPSILON *
+                              (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) + sb_abs(model->g[2]));
     for (int round = 0; round < 24; round++) {
         int released;
         sbi_embed_model_gradient(model, state, is_box, h);
@@ -47755,8 +47651,7 @@ static int sbi_embed_cross_edge(const sbi_embed_volume *volume, int edge, sbi_em
     return 1;
 }
 
-SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot,
-                                        sb_vec3 tangents[2])
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2])
 {
     const int *nodes = sbi_embed_face_row(volume, foot->face);
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3];
@@ -47943,7 +47838,7 @@ enum {
     SBI_EMBED_TASK_NODES = 512,
     SBI_EMBED_TASK_RINGS = 2048,
     SBI_EMBED_TASK_BUILD = 256,
-    SBI_EMBED_RING = 64          /* most triangles around a point whose ring is put in order */
+    SBI_EMBED_RING = 64 /* most triangles around a point whose ring is put in order */
 };
 
 /* gcc would unroll a loop over lanes before it can see vectors in it, and then spill what it unrolled. */
@@ -47977,30 +47872,30 @@ struct sb_embedding {
 
     int group_count, task_count, slot_count;
     sbi_embed_group *groups;
-    int *tasks;              /* [task_count + 1] first group of each */
-    int *slot_point;         /* [slot_count]; padding repeats the last point of its group */
-    sb_real *parameters[3];  /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
-    sb_real *offsets[3];     /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
-    sb_real *carried[3];     /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
+    int *tasks;             /* [task_count + 1] first group of each */
+    int *slot_point;        /* [slot_count]; padding repeats the last point of its group */
+    sb_real *parameters[3]; /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];    /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
+    sb_real *carried[3];    /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
 
     /* Node entries: those of the groups, then those of the faces whose normals they need. */
     int group_entries, entry_count, face_count, normal_count, touched_count;
-    int *nodes;              /* [entry_count] */
-    int *normal_of;          /* [entry_count] the smooth normal there, or -1 */
-    sb_real *weights;        /* [face_count][face nodes] */
+    int *nodes;                    /* [entry_count] */
+    int *normal_of;                /* [entry_count] the smooth normal there, or -1 */
+    sb_real *weights;              /* [face_count][face nodes] */
     sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
     sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
     sbi_embed_lists touched;       /* touched node -> entries */
     int *touched_nodes;            /* [touched_count] */
-    sbi_embed_lists rings;   /* point -> its neighbours in order around it; ~index starts a new run */
+    sbi_embed_lists rings;         /* point -> its neighbours in order around it; ~index starts a new run */
 
     /* scratch of updates */
-    sb_vec3 *face_normals;   /* [face_count][face nodes] */
-    sb_vec3 *normals;        /* [normal_count] unit */
-    sb_real *lengths;        /* [normal_count] of the sums that they are the directions of */
-    sb_vec3 *entry_forces;   /* [entry_count] */
-    sb_vec3 *entry_pulls;    /* [group_entries] derivative with respect to the smooth normal */
-    sb_vec3 *normal_pulls;   /* [normal_count] */
+    sb_vec3 *face_normals; /* [face_count][face nodes] */
+    sb_vec3 *normals;      /* [normal_count] unit */
+    sb_real *lengths;      /* [normal_count] of the sums that they are the directions of */
+    sb_vec3 *entry_forces; /* [entry_count] */
+    sb_vec3 *entry_pulls;  /* [group_entries] derivative with respect to the smooth normal */
+    sb_vec3 *normal_pulls; /* [normal_count] */
 };
 
 typedef struct sbi_embed_lanes {
@@ -48033,9 +47928,10 @@ SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
 #endif
     memcpy(bits, x, sizeof bits);
     SBI_EMBED_EACH_LANE(l)
-        bits[l] = magic - (bits[l] >> 1);
+    bits[l] = magic - (bits[l] >> 1);
     memcpy(y, bits, sizeof y);
-    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+    SBI_EMBED_EACH_LANE(l)
+    { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
         sb_real half = (sb_real)0.5 * x[l], z = y[l];
         z = z * ((sb_real)1.5 - half * z * z);
         z = z * ((sb_real)1.5 - half * z * z);
@@ -48049,16 +47945,18 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 {
     sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
     SBI_EMBED_EACH_LANE(l)
-        sx[l] = sy[l] = sz[l] = 0;
+    sx[l] = sy[l] = sz[l] = 0;
     for (int a = 0; a < count; a++) {
         const sb_real *w = weight + a * stride;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sx[l] += w[l] * x[a].x;
             sy[l] += w[l] * x[a].y;
             sz[l] += w[l] * x[a].z;
         }
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         out->x[l] = sx[l];
         out->y[l] = sy[l];
         out->z[l] = sz[l];
@@ -48069,9 +47967,10 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 {
     SBI_EMBED_EACH_LANE(l)
-        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
     sbi_embed_rsqrt(inverse);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] *= inverse[l];
         v->y[l] *= inverse[l];
         v->z[l] *= inverse[l];
@@ -48081,7 +47980,8 @@ SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 /* v += s w */
 SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
 {
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] += s[l] * w->x[l];
         v->y[l] += s[l] * w->y[l];
         v->z[l] += s[l] * w->z[l];
@@ -48143,28 +48043,29 @@ static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const x
     sb_real bary[4][SBI_EMBED_LANES];
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), curved = nodes > corners;
     SBI_EMBED_EACH_LANE(l)
-        bary[0][l] = 1;
+    bary[0][l] = 1;
     for (int a = 1; a < corners; a++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             bary[a][l] = xi[a - 1][l];
             bary[0][l] -= xi[a - 1][l];
         }
     for (int a = 0; a < corners; a++)
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
+    lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
     for (int a = corners; a < nodes; a++) {
         const sb_real *p = bary[edges[a - corners][0]], *q = bary[edges[a - corners][1]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = 4 * p[l] * q[l];
+        lanes->shape[a][l] = 4 * p[l] * q[l];
     }
     for (int a = 0; slopes && a < nodes; a++) {
         int p = a < corners ? a : edges[a - corners][0], q = a < corners ? a : edges[a - corners][1];
         for (int k = 0; k < 3; k++) {
             sb_real dp = (sb_real)((p == k + 1) - (p == 0)), dq = (sb_real)((q == k + 1) - (q == 0));
             SBI_EMBED_EACH_LANE(l)
-                lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
-                                        : curved     ? (4 * bary[a][l] - 1) * dp
-                                                     : dp;
+            lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
+                                    : curved     ? (4 * bary[a][l] - 1) * dp
+                                                 : dp;
         }
     }
 }
@@ -48177,7 +48078,8 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     const sb_real half = (sb_real)0.5;
     sb_real side[3][2][SBI_EMBED_LANES];
     for (int k = 0; k < 3; k++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sb_real x = k < dimension ? xi[k][l] : -(sb_real)1;
             side[k][0][l] = half - half * x;
             side[k][1][l] = half + half * x;
@@ -48185,10 +48087,11 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     for (int a = 0; a < (1 << dimension); a++) {
         const sb_real *x = side[0][corner[a][0]], *y = side[1][corner[a][1]], *z = side[2][corner[a][2]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = x[l] * y[l] * z[l];
+        lanes->shape[a][l] = x[l] * y[l] * z[l];
         if (!slopes)
             continue;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             lanes->slope[a][0][l] = (corner[a][0] ? half : -half) * y[l] * z[l];
             lanes->slope[a][1][l] = (corner[a][1] ? half : -half) * x[l] * z[l];
             lanes->slope[a][2][l] = dimension == 3 ? (corner[a][2] ? half : -half) * x[l] * y[l] : (sb_real)0;
@@ -48208,7 +48111,8 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
         sbi_embed_box_lanes(sb_element_dimension(type), xi, slopes, lanes);
         return;
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real at[3], shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
         at[0] = xi[0][l], at[1] = xi[1][l], at[2] = xi[2][l];
         sb_element_shape(type, at, shape, slopes ? slope : NULL);
@@ -48247,7 +48151,7 @@ SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold,
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
             SBI_EMBED_EACH_LANE(l)
-                lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+    lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
 SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
@@ -48266,7 +48170,8 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec3 g[3], sbi_embed_vec3 *out)
 {
     sb_real unused[SBI_EMBED_LANES];
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
             sum = sb_v3_madd(sum, e->carried[k][slot + l],
@@ -48292,7 +48197,8 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
         sb_real scale[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &g[k]);
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->normal, &turn);
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             scale[l] = distance[l] * inverse[l];
             along[l] = -(turn.x[l] * g[2].x[l] + turn.y[l] * g[2].y[l] + turn.z[l] * g[2].z[l]);
         }
@@ -48310,7 +48216,8 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
         sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
@@ -48350,7 +48257,7 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
         else
             sbi_embed_slots_volume(e, &cell, &lanes, slot, &at, wanted);
         SBI_EMBED_EACH_LANE(l) /* padding writes its point again */
-            frame->points[point[l]] = sbi_embed_lane(&at, l);
+        frame->points[point[l]] = sbi_embed_lane(&at, l);
         for (int l = 0; normals && l < SBI_EMBED_LANES; l++)
             normals[point[l]] = sbi_embed_lane(&normal, l);
     }
@@ -48425,8 +48332,7 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
                                      sb_vec3 *normals, const sb_jobs *jobs)
 {
     sbi_embed_frame frame;
-    if (!embedding || !node_positions || !points ||
-        (normals && !embedding->carried[0] && !embedding->rings.starts))
+    if (!embedding || !node_positions || !points || (normals && !embedding->carried[0] && !embedding->rings.starts))
         return SB_ERROR_ARGUMENT;
     memset(&frame, 0, sizeof frame);
     frame.embedding = embedding;
@@ -48471,9 +48377,10 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
     SBI_EMBED_EACH_LANE(l)
-        along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
+    along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
     sbi_embed_madd(&pull, along, &n);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real scale = distance[l] * inverse[l];
         pull.x[l] *= scale;
         pull.y[l] *= scale;
@@ -48505,7 +48412,8 @@ static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *c
 {
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 on[2];
         sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
@@ -48538,9 +48446,9 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
         SBI_EMBED_EACH_LANE(l)
-            sbi_embed_set_lane(&force, l, slot + l < group->first + group->count
-                                              ? frame->forces[e->slot_point[slot + l]]
-                                              : sb_v3(0, 0, 0));
+        sbi_embed_set_lane(&force, l,
+                           slot + l < group->first + group->count ? frame->forces[e->slot_point[slot + l]]
+                                                                  : sb_v3(0, 0, 0));
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
         sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
         if (is_offset)
@@ -48671,12 +48579,12 @@ typedef struct sbi_embed_place {
 /* A creation under way. */
 typedef struct sbi_embed_build {
     const sb_embedding_def *def;
-    const sb_vec3 *rest;  /* the points */
+    const sb_vec3 *rest; /* the points */
     int count;
     sbi_embed_volume volume;
-    int *order;           /* points along Morton's curve; later by hold and cell */
-    uint32_t *scratch;    /* [3 count] */
-    int *hints;           /* element to start from for each task */
+    int *order;        /* points along Morton's curve; later by hold and cell */
+    uint32_t *scratch; /* [3 count] */
+    int *hints;        /* element to start from for each task */
     sbi_embed_place *places;
     sb_embedding *e;
 } sbi_embed_build;
@@ -48890,8 +48798,8 @@ static sb_result sbi_embed_no_memory(sb_error *error, int count)
 /* build->order = points by hold, then cell, then as before. */
 static int sbi_embed_sort_places(sbi_embed_build *build)
 {
-    int *scratch = (int *)build->scratch, rows = sbi_max_int(build->volume.mesh->element_count,
-                                                              build->volume.boundary.surface.element_count);
+    int *scratch = (int *)build->scratch,
+        rows = sbi_max_int(build->volume.mesh->element_count, build->volume.boundary.surface.element_count);
     int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
     int *starts = (int *)sbi_embed_take(build->e, &ok, (size_t)rows + 1, sizeof(int));
     if (!ok)

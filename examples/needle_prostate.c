@@ -48,7 +48,7 @@ typedef struct work {
     double worst_quality;
     sb_output csv; /* csv.file is NULL: none is open */
     /* compact copy of the tissue for files and pictures */
-    int *number;            /* of each node slot, or -1 */
+    int *number; /* of each node slot, or -1 */
     sb_vec3 *points, *displacement;
     int *tets, *regions, room;
     sb_real *quality;
@@ -483,8 +483,8 @@ static int print_summary(work *w)
     if (w->blocked > 0)
         fprintf(stderr, "needle_prostate: warning: in %d steps the tip could not follow: no sound tets were found\n",
                 w->blocked);
-    printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done,
-           ms[w->done / 2], ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
+    printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done, ms[w->done / 2],
+           ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
            ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(w->body.tissue)) ? "restored" : "changed");
     return 0;
 }
@@ -500,8 +500,8 @@ static void release(work *w)
 
 static int run(const settings *set)
 {
-    static int (*const stages[])(work *) = {make_mesh, make_scene, plan_run, run_steps, write_lists, close_csv,
-                                            print_summary};
+    static int (*const stages[])(work *) = {make_mesh,   make_scene, plan_run,     run_steps,
+                                            write_lists, close_csv,  print_summary};
     work w;
     int status = 0;
     memset(&w, 0, sizeof w);

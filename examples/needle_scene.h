@@ -28,9 +28,9 @@ typedef struct scene_def {
     const char *mesh;    /* file, or NULL: a box from the origin to `size` (m) */
     double scale;        /* of the file's lengths */
     double size[3];
-    int cells[3];        /* of the box: 6 tets each */
+    int cells[3]; /* of the box: 6 tets each */
     double young, poisson, density;
-    double damping;      /* stiffness-proportional (s) */
+    double damping; /* stiffness-proportional (s) */
 } scene_def;
 
 typedef struct scene {
@@ -261,7 +261,7 @@ static inline int scene_hit(const scene *s, sb_vec3 from, sb_vec3 direction, sb_
 typedef struct scene_steering {
     ndl_steer_def def;
     scene_point target;
-    double dt; /* s of a step; def.step is inserted in it */
+    double dt;                                                       /* s of a step; def.step is inserted in it */
     int (*after_step)(void *user, scene *s, const ndl_steer *steer); /* or NULL; 0 ends it all */
     void *user;
     /* results */

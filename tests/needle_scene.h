@@ -8,14 +8,14 @@
 /* A block from the origin to `size`, held at its four sides; the needle comes from above (z), along -z. */
 typedef struct needle_scene {
     int cells[3];
-    sb_vec3 size;                  /* m */
-    double shake;                  /* of the inner nodes, in cells */
-    int layered;                   /* 1: region 1 below half of the height */
-    int turned;                    /* 1: all of it turned and shifted */
+    sb_vec3 size; /* m */
+    double shake; /* of the inner nodes, in cells */
+    int layered;  /* 1: region 1 below half of the height */
+    int turned;   /* 1: all of it turned and shifted */
     ndl_tissue_material materials[2];
     ndl_tissue_def tissue_def;
     ndl_friction frictions[2];
-    ndl_needle_def needle_def;     /* base above the middle of the top */
+    ndl_needle_def needle_def; /* base above the middle of the top */
     sb_mesh mesh;
     ndl_tissue *tissue;
     ndl_needle *needles[NDL_MAX_NEEDLES];
@@ -194,9 +194,9 @@ static inline unsigned long long needle_scene_bits(const needle_scene *s)
     unsigned long long hash = 0;
     for (int i = 0; i < mesh->node_end; i++)
         if (mesh->node_flags[i])
-            hash = hash * 31 +
-                   (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
-                    5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
+            hash = hash * 31 + (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^
+                                3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
+                                5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * t] >= 0)
             hash = hash * 31 + scene_hash(mesh->tets + 4 * t, 4 * sizeof(int));

@@ -22,6 +22,7 @@ softbody/body/body_material softbody/body/body
 softbody/body/body_read softbody/body/body
 softbody/body/step_residual softbody/body/step_system
 softbody/fem/assembly_batch softbody/fem/assembly
+softbody/fem/assembly_live softbody/fem/assembly
 softbody/mesh/image_files softbody/mesh/image
 softbody/mesh/meshio_vtk softbody/mesh/image
 softbody/mesh/meshio_vtu softbody/mesh/image

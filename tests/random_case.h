@@ -7,17 +7,17 @@
 
 typedef struct random_case {
     unsigned long long seed;
-    char name[160];         /* in words, for messages */
-    sb_mesh mesh;           /* m, anywhere and turned anyhow */
+    char name[160]; /* in words, for messages */
+    sb_mesh mesh;   /* m, anywhere and turned anyhow */
     sb_material material;
     sb_integration integration;
     sb_integrator integrator;
     sb_mass_kind mass;
-    sb_vec3 gravity;        /* m/s^2 */
-    sb_real damping;        /* s, of the stiffness */
-    sb_real dt;             /* s */
-    int *held, held_count;  /* nodes without motion */
-    sb_vec3 *kick;          /* [node_count] velocities at the start (m/s), 0 at held nodes */
+    sb_vec3 gravity;       /* m/s^2 */
+    sb_real damping;       /* s, of the stiffness */
+    sb_real dt;            /* s */
+    int *held, held_count; /* nodes without motion */
+    sb_vec3 *kick;         /* [node_count] velocities at the start (m/s), 0 at held nodes */
 } random_case;
 
 /* Between low and high, evenly in the logarithm. */
@@ -137,7 +137,8 @@ static inline sb_material random_material(unsigned long long *seed, const char *
     case 1: *name = "linear"; return sb_material_linear(REAL(young), REAL(poisson), REAL(density));
     case 2: *name = "neo-Hookean"; return sb_material_neo_hookean(REAL(young), REAL(poisson), REAL(density));
     case 3: *name = "St. Venant"; return sb_material_svk(REAL(young), REAL(poisson), REAL(density));
-    default: *name = "stable neo-Hookean";
+    default:
+        *name = "stable neo-Hookean";
         return sb_material_stable_neo_hookean(REAL(young), REAL(poisson), REAL(density));
     }
 }
@@ -216,10 +217,10 @@ static inline int random_case_make(random_case *c, unsigned long long number, in
     c->mass = check_random(&seed) < 0.5 || c->integrator == SB_CENTRAL_DIFFERENCE ? SB_MASS_LUMPED : SB_MASS_CONSISTENT;
     c->damping = REAL(c->integrator == SB_CENTRAL_DIFFERENCE ? 0 : random_scale(&seed, 1e-4, 1e-2));
     /* gently: what bends it by some hundredths, in a tenth of a second; else anything */
-    c->gravity = sb_v3_scale(
-        REAL(violence ? random_scale(&seed, 1, 1000)
-                      : 0.01 * (double)sb_material_young(&c->material) / ((double)c->material.density * size)),
-        random_direction(&seed));
+    c->gravity = sb_v3_scale(REAL(violence ? random_scale(&seed, 1, 1000)
+                                           : 0.01 * (double)sb_material_young(&c->material) /
+                                                 ((double)c->material.density * size)),
+                             random_direction(&seed));
     c->dt = REAL(violence ? random_scale(&seed, 1e-4, 0.1)
                           : 0.3 * size * sqrt((double)c->material.density / (double)sb_material_young(&c->material)));
     if (!random_supports(c, &seed))

@@ -72,7 +72,9 @@ static void fill_by_index(sb_matrix *a)
         for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++) {
                 int low = sbi_min_int(i, a->columns[q]), high = sbi_max_int(i, a->columns[q]);
-                int turned = 3 * (k % 3) + k / 3, at = i < a->columns[q] ? k : i > a->columns[q] ? turned : sbi_min_int(k, turned);
+                int turned = 3 * (k % 3) + k / 3, at = i < a->columns[q]   ? k
+                                                       : i > a->columns[q] ? turned
+                                                                           : sbi_min_int(k, turned);
                 unsigned long long seed = (unsigned long long)low * 1000003u + (unsigned long long)high * 17u +
                                           (unsigned long long)at + 1;
                 a->blocks[q][k] = (sb_real)check_random_in(&seed, -1, 1);
@@ -331,8 +333,7 @@ static sb_mesh compact_mesh(const live_mesh *m, int *node_of)
     for (int e = 0; e < m->cell_end; e++)
         if (m->cells[e][0] >= 0)
             for (int v = 0; v < 4; v++)
-                mesh.elements[4 * mesh.element_count + v] = node_of[m->cells[e][v]],
-                mesh.element_count += v == 3;
+                mesh.elements[4 * mesh.element_count + v] = node_of[m->cells[e][v]], mesh.element_count += v == 3;
     return mesh;
 }
 
@@ -451,7 +452,8 @@ static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
     int *node_of = (int *)malloc((size_t)m->node_end * sizeof(int)), wrong = 0;
     sb_mesh mesh = compact_mesh(m, node_of);
     sb_vec3 *u = displacements(m), *v = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof *v);
-    sb_vec3 *f = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *f), *g = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *g);
+    sb_vec3 *f = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *f),
+            *g = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *g);
     sb_real largest = 0, error = 0, energies[2];
     sb_tangent_kind kind = model == 2 ? SB_TANGENT_EXACT : SB_TANGENT_QUASI;
     rooms_compact(&compact, m, model);
@@ -465,7 +467,8 @@ static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
     sbi_assembly_energy(&live->assembly, u, energies);
     sbi_assembly_energy(&compact.assembly, v, energies + 1);
     CHECK_NEAR(energies[0], energies[1], 100 * SB_EPSILON * energies[1]);
-    CHECK_NEAR(live->assembly.energy_unit, compact.assembly.energy_unit, 100 * SB_EPSILON * compact.assembly.energy_unit);
+    CHECK_NEAR(live->assembly.energy_unit, compact.assembly.energy_unit,
+               100 * SB_EPSILON * compact.assembly.energy_unit);
     for (int i = 0; i < m->node_end; i++) {
         int j = node_of[i], q = live->matrix.row_start[i], p = j < 0 ? 0 : compact.matrix.row_start[j];
         if (j < 0) {
@@ -558,6 +561,5 @@ static void test_assembly_of_any(void) { check_assembly(2); }
 
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
             {"changes taken back", test_undo}, {"couplings of others", test_other_couplings},
-            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts},
-            {"assembly", test_assembly}, {"assembly of two materials", test_assembly_of_two},
-            {"assembly of any material", test_assembly_of_any});
+            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
+            {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any});

@@ -509,7 +509,9 @@ static void test_samples(void)
  * shape or a named error. */
 static void test_odd_targets(void)
 {
-    sb_vec3 corners[4] = {{0, 0, REAL(0.07)}, {REAL(0.2), 0, REAL(0.07)}, {REAL(0.2), REAL(0.06), REAL(0.07)},
+    sb_vec3 corners[4] = {{0, 0, REAL(0.07)},
+                          {REAL(0.2), 0, REAL(0.07)},
+                          {REAL(0.2), REAL(0.06), REAL(0.07)},
                           {0, 0, REAL(0.07)}};
     int triangles[6] = {0, 1, 2, 0, 1, 3};
     for (int kind = 0; kind < 6; kind++) {
@@ -762,6 +764,5 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"supports that move", test_supports}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"threads", test_threads}, {"samples", test_samples}, {"loaded bodies", test_loaded},
             {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
-            {"refusals", test_refusals},
-            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
+            {"refusals", test_refusals}, {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
             {"livers, partial surfaces", test_partial_livers});

@@ -253,8 +253,7 @@ static int find_pad(const block *b, sb_vec3 X, int nodes[16])
     const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(b->tissue);
     int count = 0;
     for (int i = 0; i < mesh->node_end && count < 16; i++)
-        if (mesh->node_flags[i] && mesh->X[i].x > REAL(0.0999) &&
-            apart(mesh->X[i], sb_v3(REAL(0.1), X.y, X.z)) < 0.015)
+        if (mesh->node_flags[i] && mesh->X[i].x > REAL(0.0999) && apart(mesh->X[i], sb_v3(REAL(0.1), X.y, X.z)) < 0.015)
             nodes[count++] = i;
     CHECK(count > 0);
     return count;
@@ -342,8 +341,7 @@ static void test_push(void)
     }
 }
 
-CHECK_SUITE(needle_control,
-    {"a tip's pose looks along its way", test_pose_looks_along_the_way},
-    {"random targets in tissue that moves are hit", test_targets},
-    {"two cylinders are avoided by the whole shaft", test_obstacles},
-    {"a push at one place brings a target onto the path", test_push});
+CHECK_SUITE(needle_control, {"a tip's pose looks along its way", test_pose_looks_along_the_way},
+            {"random targets in tissue that moves are hit", test_targets},
+            {"two cylinders are avoided by the whole shaft", test_obstacles},
+            {"a push at one place brings a target onto the path", test_push});

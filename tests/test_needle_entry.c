@@ -10,7 +10,7 @@ typedef struct entry {
     sb_mesh mesh;
     ndl_tissue *tissue;
     ndl_needle *needle;
-    double most;    /* N, of the hand */
+    double most; /* N, of the hand */
     int depth_steps, failed;
     sb_error error;
 } entry;
@@ -131,8 +131,8 @@ static void check_entries(sb_real slip, int first, int count)
         sum += force;
         over += force > 5;
     }
-    printf("entry_slip %.2f: %d entries, mean %.2f N, most %.2f N, %d over 5 N\n", (double)slip, count, sum / count, most,
-           over);
+    printf("entry_slip %.2f: %d entries, mean %.2f N, most %.2f N, %d over 5 N\n", (double)slip, count, sum / count,
+           most, over);
     CHECK(most < 5); /* cutting 0.3 N, friction under 0.2 N */
 }
 

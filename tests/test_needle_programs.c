@@ -17,12 +17,12 @@ typedef struct programs {
     ndl_friction frictions[3];
     ndl_tissue *tissue;
     sb_vec3 low, high;
-    sb_real quality;        /* of the untouched mesh, */
-    double mass, volume;    /* kg, m^3 */
-    double least_quality;   /* of all, in shares of it */
-    double angles[2];       /* degrees: least and most of all dihedral angles */
+    sb_real quality;      /* of the untouched mesh, */
+    double mass, volume;  /* kg, m^3 */
+    double least_quality; /* of all, in shares of it */
+    double angles[2];     /* degrees: least and most of all dihedral angles */
     double mass_change, volume_change;
-    int entered;            /* programs that brought the needle into the tissue */
+    int entered; /* programs that brought the needle into the tissue */
     sb_error error;
 } programs;
 
@@ -107,7 +107,10 @@ static ndl_needle *random_needle(programs *p, unsigned long long *seed)
     return needle;
 }
 
-static int is_in(const ndl_needle *needle) { return ndl_needle_entry(needle) < ndl_rod_node_count(ndl_needle_rod(needle)); }
+static int is_in(const ndl_needle *needle)
+{
+    return ndl_needle_entry(needle) < ndl_rod_node_count(ndl_needle_rod(needle));
+}
 
 static void look_at_mesh(programs *p)
 {
@@ -195,7 +198,8 @@ static void test_organ(void)
     programs p;
     memset(&p, 0, sizeof p);
     if (CHECK_OK(stuff(ellipsoid_distance, 0.05, 0.009, &p.mesh, &p.error)))
-        run_programs(&p, first_program(28), program_count(2)); /* 28: many small operations left a flat tet at the skin */
+        run_programs(&p, first_program(28),
+                     program_count(2)); /* 28: many small operations left a flat tet at the skin */
 }
 
 static void test_phantom_file(void)

@@ -152,8 +152,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
-                          (fabs(change) + unknown) * unknown;
+            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) *
+                          unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
@@ -173,8 +173,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 typedef struct ndli_rod_local {
     ndli_v3 edge[2];
     double turn[2];
-    ndli_m3 edges[2][2];    /* [1][0] is the transpose of [0][1] and not kept */
-    ndli_v3 cross[2][2];    /* [edge][theta] */
+    ndli_m3 edges[2][2]; /* [1][0] is the transpose of [0][1] and not kept */
+    ndli_v3 cross[2][2]; /* [edge][theta] */
     double turns[2], turns_between;
 } ndli_rod_local;
 

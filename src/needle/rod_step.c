@@ -8,7 +8,7 @@
 #include "rod_private.h"
 
 typedef struct ndli_rod_problem {
-    double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
+    double inertia; /* 1/s^2: d a'/d x'; 0: statics */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -129,8 +129,8 @@ static void ndli_rod_fill_band(ndl_rod *rod)
             for (int c = 0; c < 3; c++) {
                 int node = 4 * (j - 1 + k) + c, turn = 4 * j + 3;
                 if (node >= 0 && node < 4 * rod->node_count)
-                    *ndli_rod_band_at(rod, sbi_max_int(node, turn), sbi_min_int(node, turn)) =
-                        ndli_component(rod->matrix.cross[j][k], c);
+                    *ndli_rod_band_at(rod, sbi_max_int(node, turn),
+                                      sbi_min_int(node, turn)) = ndli_component(rod->matrix.cross[j][k], c);
             }
         *ndli_rod_band_at(rod, 4 * j + 3, 4 * j + 3) = rod->matrix.turn[j] + ndli_rod_turn_floor(rod, j);
         if (j > 0)
@@ -148,8 +148,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
-             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH);
+             other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -654,9 +654,10 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
         ndli_rod_restore(rod);
         memcpy(rod->turn, rod->saved_turns, n * sizeof *rod->turn);
         rod->base_director_set = base_director_set;
-        return ndli_rod_fail(info, result, result == SB_ERROR_NOT_CONVERGED
-                                               ? "max_newton was reached; the rod is as it was"
-                                               : "Newton found no step that lowers the energy; the rod is as it was");
+        return ndli_rod_fail(info, result,
+                             result == SB_ERROR_NOT_CONVERGED
+                                 ? "max_newton was reached; the rod is as it was"
+                                 : "Newton found no step that lowers the energy; the rod is as it was");
     }
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);

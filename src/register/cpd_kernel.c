@@ -100,8 +100,8 @@ static void regi_cpd_add_column(regi_cpd_kernel *kernel, const regi_cpd_cloud *s
     for (int b = 0; b < source->blocks; b++)
         for (int l = 0; l < REGI_CPD_LANES; l++) {
             const regi_cpd_block *p = source->points + b;
-            column[(size_t)b * REGI_CPD_LANES + (size_t)l] =
-                regi_cpd_gauss(at, p->x[l], p->y[l], p->z[l], kernel->inverse);
+            column[(size_t)b * REGI_CPD_LANES + (size_t)l] = regi_cpd_gauss(at, p->x[l], p->y[l], p->z[l],
+                                                                            kernel->inverse);
         }
     for (int j = 0; j < kernel->rank; j++) {
         const double *before = kernel->columns + (size_t)j * kernel->rows;

@@ -8,9 +8,9 @@ enum {
     REGI_ICP_COOKIE = 0x72696370,
     REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
     REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 600,     /* points of a shape in the search */
-    REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
-    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
+    REGI_ICP_FINE = 600,    /* points of a shape in the search */
+    REGI_ICP_SPIRAL = 400,  /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10, /* rounds without a smaller mean distance */
     REGI_ICP_STAGES = 3
 };
 
@@ -59,16 +59,16 @@ typedef struct regi_icp_side {
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
-    int fitted;            /* normals were fitted, and may all point the wrong way */
+    int fitted; /* normals were fitted, and may all point the wrong way */
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights;
-    regi_icp_set sample;   /* of the last stage */
-    regi_icp_set spread;   /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample; /* of the last stage */
+    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
-    sb_mat3 axes;          /* columns: principal axes, turned the way the points are skewed */
-    sb_real size;          /* m, rms distance from the centre */
+    sb_mat3 axes; /* columns: principal axes, turned the way the points are skewed */
+    sb_real size; /* m, rms distance from the centre */
 } regi_icp_side;
 
 typedef struct regi_icp_pairs {
@@ -361,14 +361,14 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
 
 /* How a stage works. */
 typedef struct regi_icp_stage {
-    int coarse;            /* among the spread points instead of all */
-    int points;            /* of a set that look */
+    int coarse; /* among the spread points instead of all */
+    int points; /* of a set that look */
     reg_icp_metric metric;
     reg_outliers outliers;
     sb_real parameter;
-    sb_real reach;         /* m */
-    sb_real lost;          /* m: what an outlier counts in the score; 0: no score wanted */
-    int flip;              /* -1: the normals of one of the sides point the wrong way */
+    sb_real reach; /* m */
+    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;      /* -1: the normals of one of the sides point the wrong way */
 } regi_icp_stage;
 
 /* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
@@ -406,7 +406,8 @@ static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_s
 {
     int count = pairs->count - first;
     sb_real limit = reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter,
-                                      pairs->scratch), sum = 0;
+                                      pairs->scratch),
+            sum = 0;
     for (int i = first; i < pairs->count; i++) {
         if (!(pairs->distance[i] <= limit))
             pairs->weight[i] = 0;
@@ -619,8 +620,8 @@ static sb_mat3 regi_icp_spiral(int i, int n)
     sb_real sa, ca, sb, cb;
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.4142135623730951, pi2), &sa, &ca);
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.533751168755204288, pi2), &sb, &cb);
-    return sb_quat_to_mat3(sb_quat_normalise(
-        sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
+    return sb_quat_to_mat3(
+        sb_quat_normalise(sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
 }
 
 /* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
@@ -718,11 +719,12 @@ static int regi_icp_candidates(const regi_icp *icp, const reg_rigid *start, regi
 
 static sb_result regi_icp_search(regi_icp *icp, reg_rigid *motion, regi_icp_stage *last, int *tried)
 {
-    static const regi_icp_round plan[REGI_ICP_STAGES] = {
-        {60, 3, 24, REG_ICP_POINT}, {250, 8, 4, REG_ICP_PLANE}, {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
+    static const regi_icp_round plan[REGI_ICP_STAGES] = {{60, 3, 24, REG_ICP_POINT},
+                                                         {250, 8, 4, REG_ICP_PLANE},
+                                                         {REGI_ICP_FINE, 12, 1, REG_ICP_PLANE}};
     int most = 2 * (2 + 24 + REGI_ICP_SPIRAL), count, converged;
-    regi_icp_candidate *candidates =
-        (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most, sizeof(regi_icp_candidate));
+    regi_icp_candidate *candidates = (regi_icp_candidate *)sbi_alloc(icp->allocator, (size_t)most,
+                                                                     sizeof(regi_icp_candidate));
     regi_icp_stage stage = *last;
     if (!candidates)
         return regi_icp_no_memory(icp);

@@ -86,7 +86,8 @@ static void order_by_place(sb_mesh *mesh)
     int *old_elements = (int *)malloc((size_t)elements * (size_t)n * sizeof *old_elements);
     memcpy(old_nodes, mesh->nodes, (size_t)nodes * sizeof *old_nodes);
     for (int i = 0; i < nodes; i++) {
-        keys[i].code = interleave(2e4 * (double)old_nodes[i].x, 2e4 * (double)old_nodes[i].y, 2e4 * (double)old_nodes[i].z);
+        keys[i].code = interleave(2e4 * (double)old_nodes[i].x, 2e4 * (double)old_nodes[i].y,
+                                  2e4 * (double)old_nodes[i].z);
         keys[i].index = i;
     }
     qsort(keys, (size_t)nodes, sizeof *keys, compare_keys);
@@ -177,7 +178,8 @@ static void run_beam(const char *name, sb_element_type type, int nx, int ny, int
     for (int k = 0; k < 3; k++) {
         sb_mesh mesh;
         memset(&mesh, 0, sizeof mesh);
-        if (sb_mesh_beam(type, nx, ny, nz, sb_v3((sb_real)0.2, (sb_real)0.06, (sb_real)0.06), NULL, &mesh, NULL) != SB_OK)
+        if (sb_mesh_beam(type, nx, ny, nz, sb_v3((sb_real)0.2, (sb_real)0.06, (sb_real)0.06), NULL, &mesh, NULL) !=
+            SB_OK)
             return;
         if (k == 1)
             sb_mesh_reorder(&mesh, NULL, NULL, NULL);

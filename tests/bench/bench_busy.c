@@ -148,8 +148,10 @@ static void run(int busy, const char *name, const sb_mesh *mesh)
 
 static void run_beams(int busy)
 {
-    static const struct { const char *name; int nx, ny, nz; } beams[2] = {
-        {"beam_tet4_13k", 28, 9, 9}, {"beam_tet4_1300", 14, 4, 4}};
+    static const struct {
+        const char *name;
+        int nx, ny, nz;
+    } beams[2] = {{"beam_tet4_13k", 28, 9, 9}, {"beam_tet4_1300", 14, 4, 4}};
     for (int k = 0; k < 2; k++) {
         sb_mesh mesh;
         if (sb_mesh_beam(SB_TET4, beams[k].nx, beams[k].ny, beams[k].nz,

@@ -130,7 +130,8 @@ int main(void)
             n++;
         memset(&block, 0, sizeof block);
         double started = now();
-        if (sb_mesh_beam(SB_HEX8, 2 * n, n, n, sb_v3((sb_real)0.2, (sb_real)0.1, (sb_real)0.1), NULL, &block, NULL) == SB_OK)
+        if (sb_mesh_beam(SB_HEX8, 2 * n, n, n, sb_v3((sb_real)0.2, (sb_real)0.1, (sb_real)0.1), NULL, &block, NULL) ==
+            SB_OK)
             run("hex8_plain", &block, NULL, now() - started, (double)sb_mesh_volume(&block));
         sb_mesh_free(&block);
     }

@@ -14,8 +14,8 @@
 enum { REPEATS = 3 };
 
 static const double tolerances[2] = {1e-2, 1e-6};
-static const char *const part_names[STIFF_COUNT] = {"even", "block", "touching", "slabs",
-                                                    "sheet", "rod", "inclusions", "specks"};
+static const char *const part_names[STIFF_COUNT] = {"even",  "block", "touching",   "slabs",
+                                                    "sheet", "rod",   "inclusions", "specks"};
 
 typedef struct beam {
     const char *name;

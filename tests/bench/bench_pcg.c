@@ -95,9 +95,12 @@ static const struct {
     const char *name;
     sb_precond_kind kind;
     int power, most_nodes; /* larger meshes are left out */
-} smoothers[] = {{"jacobi", SB_PRECOND_BLOCK_JACOBI, 1, 1000000}, {"ssor", SB_PRECOND_SSOR, 1, 1000000},
-                 {"ic0", SB_PRECOND_IC0, 1, 1000000},             {"fsai1", SB_PRECOND_FSAI, 1, 1000000},
-                 {"fsai2", SB_PRECOND_FSAI, 2, 10000},            {"chol", SB_PRECOND_CHOLESKY, 1, 20000}};
+} smoothers[] = {{"jacobi", SB_PRECOND_BLOCK_JACOBI, 1, 1000000},
+                 {"ssor", SB_PRECOND_SSOR, 1, 1000000},
+                 {"ic0", SB_PRECOND_IC0, 1, 1000000},
+                 {"fsai1", SB_PRECOND_FSAI, 1, 1000000},
+                 {"fsai2", SB_PRECOND_FSAI, 2, 10000},
+                 {"chol", SB_PRECOND_CHOLESKY, 1, 20000}};
 
 static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, const sb_jobs *jobs)
 {
@@ -130,8 +133,7 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
     }
     resolved = sb_preconditioner_get_info(preconditioner);
     printf("%-14s %-6s dof %6d pieces %2d shift %-6g bytes %9lu setup %7.3f ms", mesh, smoothers[smoother].name,
-           3 * b->nodes, resolved.piece_count, resolved.shift, (unsigned long)resolved.bytes,
-           median(times, count));
+           3 * b->nodes, resolved.piece_count, resolved.shift, (unsigned long)resolved.bytes, median(times, count));
     options.jobs = jobs;
     options.max_iterations = 5000;
     for (int t = 0; t < (SB_REAL_IS_FLOAT ? 2 : 3); t++) {

@@ -96,8 +96,9 @@ static inline void fuzz_free_patient(fuzz_patient *p)
 
 static size_t fuzz_image_size(const fuzz_patient *p, int kind)
 {
-    return kind == 0 ? ndl_tissue_state_size(p->tissue) : kind == 1 ? ndl_remesh_state_size(p->remesh)
-                                                                    : ndl_rod_state_size(p->rod);
+    return kind == 0   ? ndl_tissue_state_size(p->tissue)
+           : kind == 1 ? ndl_remesh_state_size(p->remesh)
+                       : ndl_rod_state_size(p->rod);
 }
 static sb_result fuzz_save_image(const fuzz_patient *p, int kind, unsigned char *image, size_t size)
 {
@@ -167,7 +168,8 @@ static ndl_needle *fuzz_make_needle(fuzz_bytes *bytes, ndl_tissue *tissue)
     friction.friction = 50 * sb_abs(fuzz_real(bytes));
     def.tissue = tissue;
     def.direction = sb_v3((sb_real)0.5 * tilt.x, (sb_real)0.5 * tilt.y, -1);
-    def.base = sb_v3((sb_real)(0.015 + 0.012 * (double)aim.x), (sb_real)(0.015 + 0.012 * (double)aim.y), (sb_real)0.072);
+    def.base = sb_v3((sb_real)(0.015 + 0.012 * (double)aim.x), (sb_real)(0.015 + 0.012 * (double)aim.y),
+                     (sb_real)0.072);
     def.length = (sb_real)0.04;
     def.frictions = &friction;
     def.friction_count = 1;

@@ -124,33 +124,33 @@ typedef SB_REAL sb_real;
  * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
 typedef enum sb_result {
     SB_OK = 0,
-    SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
-    SB_ERROR_ARGUMENT = -2,      /* null pointer, count, enum or parameter outside its documented range */
-    SB_ERROR_NOT_FINITE = -3,    /* NaN or infinity in an input */
-    SB_ERROR_INDEX = -4,         /* node, element or region index out of range */
-    SB_ERROR_FILE = -5,          /* a file cannot be opened, read or written */
-    SB_ERROR_FORMAT = -6,        /* a file breaks the rules of its format */
-    SB_ERROR_UNSUPPORTED = -7,   /* valid, but outside what this library reads or solves */
-    SB_ERROR_MESH = -8,          /* inverted, flat or degenerate element, repeated node, empty mesh */
-    SB_ERROR_MATERIAL = -9,      /* material parameters outside their range */
-    SB_ERROR_UNCONSTRAINED = -10,/* a static problem whose supports leave a rigid motion free */
-    SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
-    SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
-    SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
-    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
+    SB_ERROR_MEMORY = -1,         /* the allocator returned NULL, or a size does not fit size_t */
+    SB_ERROR_ARGUMENT = -2,       /* null pointer, count, enum or parameter outside its documented range */
+    SB_ERROR_NOT_FINITE = -3,     /* NaN or infinity in an input */
+    SB_ERROR_INDEX = -4,          /* node, element or region index out of range */
+    SB_ERROR_FILE = -5,           /* a file cannot be opened, read or written */
+    SB_ERROR_FORMAT = -6,         /* a file breaks the rules of its format */
+    SB_ERROR_UNSUPPORTED = -7,    /* valid, but outside what this library reads or solves */
+    SB_ERROR_MESH = -8,           /* inverted, flat or degenerate element, repeated node, empty mesh */
+    SB_ERROR_MATERIAL = -9,       /* material parameters outside their range */
+    SB_ERROR_UNCONSTRAINED = -10, /* a static problem whose supports leave a rigid motion free */
+    SB_ERROR_INVERTED = -11,      /* an element turned inside out where the material does not allow it */
+    SB_ERROR_DIVERGED = -12,      /* a solve found no acceptable step, or NaN appeared; the state was restored */
+    SB_ERROR_NOT_CONVERGED = -13, /* an iteration limit was reached before the tolerance */
+    SB_ERROR_INDEFINITE = -14,    /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15,         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16      /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
  * or leave uninitialised, a failing call writes every field. */
 typedef struct sb_error {
     sb_result result;
-    int line;            /* line in `file`, from 1; 0 when there is none */
-    int element;         /* element index, or -1 */
-    int node;            /* node index, or -1 */
-    char file[256];      /* path as given, cut at the front when longer */
-    char message[256];   /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
+    int line;          /* line in `file`, from 1; 0 when there is none */
+    int element;       /* element index, or -1 */
+    int node;          /* node index, or -1 */
+    char file[256];    /* path as given, cut at the front when longer */
+    char message[256]; /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
 } sb_error;
 
 /* Name of a result, e.g. "SB_ERROR_MEMORY"; never NULL. Thread-safe, static storage. */

@@ -23,7 +23,7 @@ typedef enum sbi_output_kind {
 #if defined(__cplusplus)
 extern "C"
 #endif
-__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
+    __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
 
 static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
 {

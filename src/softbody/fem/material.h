@@ -43,16 +43,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;              /* shear modulus [Pa], > 0 */
-    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
-    sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
-    sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real density;                       /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;                        /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;                            /* shear modulus [Pa], > 0 */
+    sb_real c10;                           /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;                            /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;                           /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;                      /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real fibre_stiffness;               /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;                /* k2, >= 0 */
+    int prony_count;                       /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -81,8 +81,7 @@ SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb
 SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
 /* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
  * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density);
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
@@ -92,8 +91,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -153,8 +151,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * stretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by
  * less than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does
  * not divide by it. */
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81]);
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81]);
 
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
@@ -184,8 +182,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -226,8 +224,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 #endif
 
 /* ==== internal: workers of one model =====================================================================
@@ -235,10 +232,7 @@ SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, con
  * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. */
 
 /* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i) { return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]); }
 
 /* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
 SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
@@ -365,8 +359,7 @@ SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat
 SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
 
 /* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v, sb_tangent_kind kind)
 {
     sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
     sb_mat3 spin;
@@ -378,8 +371,8 @@ SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, 
             z[k] = sb_max(z[k], 0);
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
-            spin.m[i][j] = spin.m[j][i] =
-                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
+            spin.m[i][j] = spin.m[j][i] = z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] +
+                                          z[2] * v.m[i][2] * v.m[j][2];
     return spin;
 }
 
@@ -439,8 +432,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
     }
 }
 
-SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                            const sb_tangent_kind kind, sb_real *A)
 {
     sbi_corotation c = sbi_corotate(model, F, rotation);
     sb_real kappa;
@@ -598,11 +591,9 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -753,11 +744,11 @@ SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi
         sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
         out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
                                (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
-        out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) *
-                product +
-            c->zeta * s[j] * s[k];
+        out->stretch.m[j][k] = out->stretch.m[k][j] = (c->beta * (squares[j] + squares[k]) +
+                                                       theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+                                                       c->gamma) *
+                                                          product +
+                                                      c->zeta * s[j] * s[k];
         out->same[i] = c->alpha + c->second * squares[i];
         out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
     }
@@ -776,8 +767,8 @@ SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_
 }
 
 /* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
+SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F, const sb_real *s,
+                                       sbi_principal *out)
 {
     sbi_barrier c;
     if (model == SB_SVK)
@@ -846,8 +837,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m,
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);

@@ -16,12 +16,12 @@ typedef struct sbi_embed_place {
 /* A creation under way. */
 typedef struct sbi_embed_build {
     const sb_embedding_def *def;
-    const sb_vec3 *rest;  /* the points */
+    const sb_vec3 *rest; /* the points */
     int count;
     sbi_embed_volume volume;
-    int *order;           /* points along Morton's curve; later by hold and cell */
-    uint32_t *scratch;    /* [3 count] */
-    int *hints;           /* element to start from for each task */
+    int *order;        /* points along Morton's curve; later by hold and cell */
+    uint32_t *scratch; /* [3 count] */
+    int *hints;        /* element to start from for each task */
     sbi_embed_place *places;
     sb_embedding *e;
 } sbi_embed_build;
@@ -235,8 +235,8 @@ static sb_result sbi_embed_no_memory(sb_error *error, int count)
 /* build->order = points by hold, then cell, then as before. */
 static int sbi_embed_sort_places(sbi_embed_build *build)
 {
-    int *scratch = (int *)build->scratch, rows = sbi_max_int(build->volume.mesh->element_count,
-                                                              build->volume.boundary.surface.element_count);
+    int *scratch = (int *)build->scratch,
+        rows = sbi_max_int(build->volume.mesh->element_count, build->volume.boundary.surface.element_count);
     int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
     int *starts = (int *)sbi_embed_take(build->e, &ok, (size_t)rows + 1, sizeof(int));
     if (!ok)

@@ -31,18 +31,18 @@ typedef enum sb_embedding_hold {
 } sb_embedding_hold;
 
 typedef struct sb_embedding_def {
-    const sb_mesh *mesh;        /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
+    const sb_mesh *mesh;   /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
                                  * creation only */
-    const sb_vec3 *points;      /* [point_count] points at rest (m); NULL: the nodes of surface */
+    const sb_vec3 *points; /* [point_count] points at rest (m); NULL: the nodes of surface */
     int point_count;
-    const sb_mesh *surface;     /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
-    const sb_vec3 *normals;     /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
+    const sb_mesh *surface; /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
+    const sb_vec3 *normals; /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
                                  * instead of being made from the surface */
-    sb_embedding_kind kind;     /* SB_EMBED_SMOOTH */
-    sb_real max_distance;       /* m; a point farther outside is refused. SB_REAL_MAX: none is */
-    sb_allocator allocator;     /* zeros: malloc */
-    sb_jobs jobs;               /* threads for the creation; zeros: none */
-    unsigned cookie;            /* set by sb_default_embedding_def */
+    sb_embedding_kind kind; /* SB_EMBED_SMOOTH */
+    sb_real max_distance;   /* m; a point farther outside is refused. SB_REAL_MAX: none is */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by sb_default_embedding_def */
 } sb_embedding_def;
 SB_API sb_embedding_def sb_default_embedding_def(void);
 

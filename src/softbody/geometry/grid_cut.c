@@ -47,8 +47,8 @@ static void sbi_grid_classify_block(void *user, int index)
     int x0 = index % bx * SBI_GRID_BLOCK, y0 = index / bx % by * SBI_GRID_BLOCK, z0 = index / bx / by * SBI_GRID_BLOCK;
     sb_vec3 half = sb_v3_scale((sb_real)0.5, grid->cell_size);
     sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
-                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
-                                           (1u << work->shape_count) - 1, 0);
+                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half), (1u << work->shape_count) - 1,
+                                           0);
     int good = sbi_grid_decide(work, sb_v3_norm(block.half), &block);
     for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
         for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
@@ -116,7 +116,8 @@ SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
     result = sbi_grid_run(work, sbi_grid_classify_block,
-                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1,
+                          error);
     return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 

@@ -15,8 +15,8 @@ enum { SB_LABEL_MAX_SMOOTHING = 8 };
 
 /* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
 typedef struct sb_label_def {
-    const sb_image *image;  /* borrowed */
-    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    const sb_image *image; /* borrowed */
+    const int *labels;     /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
     int label_count;
     int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
                              * steps. n: steps of up to about 2 n voxels length become slopes */
@@ -25,10 +25,10 @@ typedef struct sb_label_def {
 } sb_label_def;
 
 typedef struct sb_label_report {
-    int voxels;             /* that are inside */
-    sb_real voxel_volume;   /* m^3 of them */
-    sb_real volume;         /* m^3 that the surface encloses */
-    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+    int voxels;           /* that are inside */
+    sb_real voxel_volume; /* m^3 of them */
+    sb_real volume;       /* m^3 that the surface encloses */
+    int held_voxels;      /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
 } sb_label_report;
 
 SB_API sb_label_def sb_default_label_def(void);

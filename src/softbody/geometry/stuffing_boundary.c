@@ -48,9 +48,10 @@ static sb_vec3 sbi_stuffing_closest(const sbi_stuffing *s, sb_vec3 p)
 /* Sample k of a triangle: corners, middles of edges, centre, quarters of edges, and between. */
 static sb_vec3 sbi_stuffing_sample_point(const sb_mesh *surface, int face, int k)
 {
-    static const signed char twelfths[SBI_STUFF_SAMPLES][3] = {
-        {12, 0, 0}, {0, 12, 0}, {0, 0, 12}, {6, 6, 0}, {0, 6, 6}, {6, 0, 6}, {4, 4, 4}, {9, 3, 0},
-        {3, 9, 0},  {0, 9, 3},  {0, 3, 9},  {3, 0, 9}, {9, 0, 3}, {6, 3, 3}, {3, 6, 3}, {3, 3, 6}};
+    static const signed char twelfths[SBI_STUFF_SAMPLES][3] = {{12, 0, 0}, {0, 12, 0}, {0, 0, 12}, {6, 6, 0},
+                                                               {0, 6, 6},  {6, 0, 6},  {4, 4, 4},  {9, 3, 0},
+                                                               {3, 9, 0},  {0, 9, 3},  {0, 3, 9},  {3, 0, 9},
+                                                               {9, 0, 3},  {6, 3, 3},  {3, 6, 3},  {3, 3, 6}};
     const int *nodes = surface->elements + 3 * (size_t)face;
     sb_vec3 p = sb_v3(0, 0, 0);
     for (int i = 0; i < 3; i++)
@@ -132,8 +133,8 @@ static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node
  * closer to the surface. Returns 1 when it did. */
 static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
 {
-    static const sb_real scales[6][2] = {
-        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    static const sb_real scales[6][2] = {{1, 0}, {(sb_real)0.5, 0},  {2, 0},
+                                         {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
     sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
     sb_real least = 0;
     for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
@@ -368,7 +369,8 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
     return result;
 }
 
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;

@@ -5,7 +5,7 @@
 #include <stdio.h>
 
 enum {
-    SBI_SHARE_LEAST = 400,     /* samples of a shape's surface */
+    SBI_SHARE_LEAST = 400, /* samples of a shape's surface */
     SBI_SHARE_MOST = 20000,
     SBI_SHARE_POINTS = 400000, /* of a box in which a function is sampled */
     SBI_SHARE_STEPS = 200      /* of a search for the far side of a function */
@@ -20,7 +20,7 @@ typedef struct sbi_share_sample {
 
 typedef struct sbi_share {
     const sb_stuff_def *def;
-    int number;                /* of the shape */
+    int number; /* of the shape */
     const sb_shape *shape;
     sb_vec3 low, high;         /* box that functions are sampled in */
     sbi_share_sample *samples; /* [SBI_SHARE_MOST] of the surface that lies in the first shape */
@@ -276,7 +276,8 @@ static int sbi_share_trusts_volume(const sbi_share *share)
         return 1;
     memset(&crossings, 0, sizeof crossings);
     memset(&crowds, 0, sizeof crowds);
-    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 && crossings.count == 0;
+    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 &&
+           crossings.count == 0;
 }
 
 /* Names the cell that would keep the shape. A third of what may be missing is allowed to be thinner. */

@@ -152,10 +152,10 @@ SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double
 
 /* One edge of a surface point, seen from it. */
 typedef struct sbi_stuffing_edge {
-    int other;       /* surface point */
+    int other;                /* surface point */
     sb_real fraction, length; /* of the cut from the point; of the edge in cells */
     sb_real alpha;
-    int inner;       /* 1: between two regions; 0: to the outside */
+    int inner; /* 1: between two regions; 0: to the outside */
 } sbi_stuffing_edge;
 
 /* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
@@ -344,9 +344,9 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
  * boundaries: this ends. */
 
 typedef struct sbi_stuffing_link {
-    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int step[14][3]; /* to the neighbours: 6 long edges, 8 short */
     int triangle[24][3];
-    int beside[24][3];     /* triangle across the edge opposite corner i */
+    int beside[24][3]; /* triangle across the edge opposite corner i */
 } sbi_stuffing_link;
 
 static int sbi_stuffing_has_corner(const int triangle[3], int corner)

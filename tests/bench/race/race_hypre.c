@@ -20,8 +20,10 @@ typedef struct setting {
     int nodal, rotations, most_unknowns;
 } setting;
 
-static const setting settings[] = {{"hypre-unknown-25", 0.25, 0, 0, 60000}, {"hypre-unknown-50", 0.5, 0, 0, 1000000},
-                                   {"hypre-unknown-90", 0.9, 0, 0, 60000},  {"hypre-nodal-50", 0.5, 1, 0, 60000},
+static const setting settings[] = {{"hypre-unknown-25", 0.25, 0, 0, 60000},
+                                   {"hypre-unknown-50", 0.5, 0, 0, 1000000},
+                                   {"hypre-unknown-90", 0.9, 0, 0, 60000},
+                                   {"hypre-nodal-50", 0.5, 1, 0, 60000},
                                    {"hypre-rotations", 0.5, 4, 1, 60000}};
 
 /* This process's share of a system: rows first <= i < last. */
