@@ -707,6 +707,7 @@ enum { SURFACE_POINTS = 700 };
 
 static void test_batches(void)
 {
+    check_bad_numbers();
     static sb_surface_hit single[SURFACE_POINTS], hits[SURFACE_POINTS], signed_hits[SURFACE_POINTS];
     static sb_real distance[SURFACE_POINTS], numbers[SURFACE_POINTS], by_winding[SURFACE_POINTS];
     static unsigned char inside[SURFACE_POINTS];
@@ -759,6 +760,7 @@ static void test_points_beyond_reason(void)
     sb_surface *surface = surface_make(&mesh);
     sb_surface_hit hit;
     sb_vec3 nan_point = sb_v3(0, REAL(NAN), 0), infinite = sb_v3(REAL(INFINITY), 0, 0), far = sb_v3(REAL(1e5), 0, 0);
+    check_bad_numbers();
     sb_real d = sb_surface_signed_distance(surface, nan_point, &hit);
     CHECK(d != d);
     CHECK_INT(hit.triangle, -1);
@@ -814,6 +816,7 @@ static void test_creation_refuses(void)
     CHECK_INT(error.node, 3);
     mesh.nodes[3].z = SB_REAL_MAX;
     mesh.nodes[2].z = -SB_REAL_MAX;
+    check_bad_numbers();
     CHECK_RESULT(sb_surface_create(&mesh, NULL, &none, &error), SB_ERROR_NOT_FINITE);
     mesh.nodes[3].z = x;
     CHECK(none == NULL);

@@ -174,7 +174,7 @@ NDL_API void ndl_tissue_destroy(ndl_tissue *tissue)
     sbi_free(&allocator, tissue);
 }
 
-NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue) { return &tissue->mesh; }
+NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue) { return tissue ? &tissue->mesh : NULL; }
 
 /* ---- supports and loads ---- */
 

@@ -617,8 +617,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] + 1.0e-24f; /* cube: no overflow */
+        float inverse = 1.0f / (square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -712,7 +712,8 @@ static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v
 
 static void sbi_surface_beam_reach(sbi_surface_beam *beam)
 {
-    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    sb_real way = sb_min(beam->best - beam->start, (sb_real)SBI_SURFACE_NO_LIMIT);
+    sb_real reach = way * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
     beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
 }
 
@@ -735,9 +736,9 @@ static void sbi_surface_beam_shear(sbi_surface_beam *beam)
 static float sbi_surface_slope(sb_real x)
 {
     float f = (float)x;
-    if (f > 1.0e-30f || f < -1.0e-30f)
+    if (f > 1.0e-20f || f < -1.0e-20f)
         return 1.0f / f;
-    return 1.0e30f;
+    return 1.0e20f; /* times SBI_SURFACE_NOWHERE it is still a float */
 }
 
 /* Sets up a ray; 0 when it has no direction or passes the surface by. */
