@@ -19,7 +19,7 @@ typedef struct live_mesh {
 } live_mesh;
 
 /* Arrays for so many slots; node_end and cell_end stay 0. */
-static live_mesh live_mesh_make(int nodes, int cells)
+static inline live_mesh live_mesh_make(int nodes, int cells)
 {
     live_mesh m;
     memset(&m, 0, sizeof m);
@@ -35,7 +35,7 @@ static live_mesh live_mesh_make(int nodes, int cells)
     return m;
 }
 
-static void live_mesh_free(live_mesh *m)
+static inline void live_mesh_free(live_mesh *m)
 {
     free(m->X);
     free(m->births);
@@ -46,7 +46,7 @@ static void live_mesh_free(live_mesh *m)
     free(m->free_cells);
 }
 
-static void live_mesh_copy(live_mesh *to, const live_mesh *from)
+static inline void live_mesh_copy(live_mesh *to, const live_mesh *from)
 {
     size_t nodes = (size_t)from->node_end, cells = (size_t)from->cell_end;
     memcpy(to->X, from->X, nodes * sizeof *to->X);
@@ -64,7 +64,7 @@ static void live_mesh_copy(live_mesh *to, const live_mesh *from)
 }
 
 /* A box of nx x ny x nz cubes of six tets, edges of 1 cm, with room for `times` as many slots. */
-static live_mesh live_mesh_box(int nx, int ny, int nz, int times)
+static inline live_mesh live_mesh_box(int nx, int ny, int nz, int times)
 {
     static const int paths[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 0}};
     int nodes = (nx + 1) * (ny + 1) * (nz + 1), cells = 6 * nx * ny * nz;
@@ -95,7 +95,7 @@ static live_mesh live_mesh_box(int nx, int ny, int nz, int times)
     return m;
 }
 
-static int live_mesh_take_node(live_mesh *m, sb_vec3 X, int origin)
+static inline int live_mesh_take_node(live_mesh *m, sb_vec3 X, int origin)
 {
     int i = m->free_node_count ? m->free_nodes[--m->free_node_count] : m->node_end++;
     m->X[i] = X;
@@ -104,19 +104,19 @@ static int live_mesh_take_node(live_mesh *m, sb_vec3 X, int origin)
     return i;
 }
 
-static int live_mesh_take_cell(live_mesh *m)
+static inline int live_mesh_take_cell(live_mesh *m)
 {
     return m->free_cell_count ? m->free_cells[--m->free_cell_count] : m->cell_end++;
 }
 
-static int live_mesh_has(const live_mesh *m, int e, int node)
+static inline int live_mesh_has(const live_mesh *m, int e, int node)
 {
     const int *c = m->cells[e];
     return c[0] == node || c[1] == node || c[2] == node || c[3] == node;
 }
 
 /* Splits the edge (2), face (3) or tet (4 nodes) at its centre. */
-static void live_mesh_split(live_mesh *m, const int *simplex, int size)
+static inline void live_mesh_split(live_mesh *m, const int *simplex, int size)
 {
     sb_vec3 X = sb_v3(0, 0, 0);
     int node, end = m->cell_end, s[4];
@@ -141,7 +141,7 @@ static void live_mesh_split(live_mesh *m, const int *simplex, int size)
 }
 
 /* Gives a random half of a node's cells a copy of it. */
-static void live_mesh_duplicate(live_mesh *m, int node, unsigned long long *seed)
+static inline void live_mesh_duplicate(live_mesh *m, int node, unsigned long long *seed)
 {
     int copy = -1, stays = 0;
     for (int e = 0; e < m->cell_end; e++) {
@@ -158,7 +158,7 @@ static void live_mesh_duplicate(live_mesh *m, int node, unsigned long long *seed
 }
 
 /* Removes a cell and nodes that have none left. */
-static void live_mesh_remove(live_mesh *m, int cell)
+static inline void live_mesh_remove(live_mesh *m, int cell)
 {
     int old[4];
     memcpy(old, m->cells[cell], sizeof old);
@@ -176,13 +176,13 @@ static void live_mesh_remove(live_mesh *m, int cell)
 }
 
 /* 1: an operation may need more slots than there are. */
-static int live_mesh_is_full(const live_mesh *m)
+static inline int live_mesh_is_full(const live_mesh *m)
 {
     return m->node_room - m->node_end + m->free_node_count < 1 || m->cell_room - m->cell_end + m->free_cell_count < 64;
 }
 
 /* One operation at random, as far as there is room. */
-static void live_mesh_operate(live_mesh *m, unsigned long long *seed)
+static inline void live_mesh_operate(live_mesh *m, unsigned long long *seed)
 {
     double kind = check_random_in(seed, 0, 1);
     int cell, nodes[4], first;
@@ -202,7 +202,7 @@ static void live_mesh_operate(live_mesh *m, unsigned long long *seed)
 }
 
 /* Before a change: nodes and cells come from themselves. */
-static void live_mesh_begin(live_mesh *m)
+static inline void live_mesh_begin(live_mesh *m)
 {
     for (int i = 0; i < m->node_end; i++)
         m->origin[i] = i;
@@ -217,7 +217,7 @@ typedef struct live_change {
     sb_real *weights;
 } live_change;
 
-static void live_change_free(live_change *c)
+static inline void live_change_free(live_change *c)
 {
     free(c->ints);
     free(c->weights);
@@ -225,7 +225,7 @@ static void live_change_free(live_change *c)
 
 /* The change from one mesh to another; `back`: the other way round, for which nodes that come have any source and cells
  * their own slot as parent. */
-static live_change live_mesh_difference(const live_mesh *before, const live_mesh *after, int back)
+static inline live_change live_mesh_difference(const live_mesh *before, const live_mesh *after, int back)
 {
     live_change made;
     sbi_mesh_change *c = &made.change;
