@@ -2,19 +2,19 @@
  * slips, and the tissue's mesh follows. Floor 6. Chapters 7 to 10 of Chentanez 2010.
  *
  *     ndl_needle_def def = ndl_default_needle_def();
- *     def.tissue = tissue;
+ *     def.body = body;
  *     def.base = sb_v3(0, 0, 0.1), def.direction = sb_v3(0, 0, -1);
  *     ndl_needle_create(&def, &needle, &error);
  *     command.insertion = 0.01;                                    (1 cm/s)
- *     ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error); */
+ *     ndl_step(body, &needle, 1, 0.02, &command, &info, &error); */
 #ifndef NDL_NEEDLE_H
 #define NDL_NEEDLE_H
 
+#include "../softbody/body/step.h"
 #include "couple.h"
 #include "remesh.h"
 #include "rod.h"
 #include "steer.h"
-#include "tissue.h"
 
 enum { NDL_MAX_NEEDLES = 16 }; /* in one tissue */
 
@@ -48,7 +48,7 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* What a needle is made from. Start from ndl_default_needle_def(), set tissue, base and direction. */
 typedef struct ndl_needle_def {
-    ndl_tissue *tissue;     /* borrowed; destroyed after its needles */
+    sb_body *body;          /* of tet4, with slack; borrowed, destroyed after its needles */
     sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
@@ -121,8 +121,8 @@ typedef struct ndl_step_info {
     int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
                             * else could be computed */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
-    ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
-    double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
+    sb_step_info body;     /* of the last substep */
+    double seconds_body;   /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */
     double seconds_needle; /* sleeves, frames and nodes of the needles, */
     double seconds_remesh; /* remeshing with its changes of the matrix, */
@@ -136,7 +136,7 @@ typedef struct ndl_step_info {
  * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
  * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
  * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
-NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 
 /* ---- readings: no allocation ---- */
@@ -153,7 +153,7 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 /* First node of the rod in the tissue; the rod's node_count when it is outside. */
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
-NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node);
+NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);

@@ -4,7 +4,6 @@
 
 #include "remesh.h"
 #include "rod.h"
-#include "tissue.h"
 
 /* A saved state holds all that steps, setters and remeshing change: mesh and motion, supports and loads, materials,
  * damping, rotations and their lag, the preconditioner that is not made anew in every step, energy ledgers. What
@@ -29,10 +28,6 @@
  * room than the allocator gives, or, at a save, a change of the mesh found no memory for the matrix and no step has
  * made it up yet. A load allocates where the object has less room than the state needs; a remesher's takes a copy of
  * the topology for the time of the call, on which it undoes all splits before it trusts them. */
-NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
-NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
-NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
-
 NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh);
 NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error);
@@ -45,11 +40,6 @@ NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb
 /* ---- internal: undo ----
  * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
  * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
-NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
-NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t); /* most, while the mesh keeps to its slack */
-/* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
-NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
-NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
 NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
 NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r); /* most, while the needles keep to what was reserved */
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
