@@ -268,6 +268,7 @@
 #define ndl_needle_base_wrench ndl_needle_base_wrench_f32
 #define ndl_needle_entry ndl_needle_entry_f32
 #define ndl_needle_body_node ndl_needle_body_node_f32
+#define ndl_needle_remesh ndl_needle_remesh_f32
 #define ndl_needle_contact ndl_needle_contact_f32
 #define ndl_needle_contact_force ndl_needle_contact_force_f32
 #define ndl_needle_depth ndl_needle_depth_f32
@@ -1162,6 +1163,9 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
+/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone with the
+ * body's last needle. */
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
@@ -4972,7 +4976,7 @@ static void ndli_topology_read_tets(ndli_topology *t, const sb_body *body)
         memset(t->tets + 4 * (size_t)e, -1, 4 * sizeof(int));
         t->parents[e] = e;
         t->tet_mark[e] = 0;
-        t->regions[e] = sbi_body_region(body, e);
+        t->regions[e] = sbi_body_cell_region(body, e);
         for (int c = 3; nodes && c >= 0; c--)
             ndli_topology_join(t, 4 * e + c, nodes[c]);
         if (nodes) {
@@ -12540,6 +12544,8 @@ NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
         return 0;
     return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
 }
+
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
 
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
 {

@@ -44680,7 +44680,7 @@ typedef struct sbi_body_slots {
 } sbi_body_slots;
 SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
 SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
-SBI_API int sbi_body_region(const sb_body *body, int cell); /* value in mesh.regions */
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
 /* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
 SBI_API void *sbi_body_find_listener(const sb_body *body,
                                      void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
@@ -56708,7 +56708,7 @@ SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
     return body->live ? sbi_body_view_slots(&body->live->cells) : none;
 }
 
-SBI_API int sbi_body_region(const sb_body *body, int cell)
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
 {
     return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
 }

@@ -92,6 +92,7 @@
 #define ndl_needle_base_wrench ndl_needle_base_wrench_f32
 #define ndl_needle_entry ndl_needle_entry_f32
 #define ndl_needle_body_node ndl_needle_body_node_f32
+#define ndl_needle_remesh ndl_needle_remesh_f32
 #define ndl_needle_contact ndl_needle_contact_f32
 #define ndl_needle_contact_force ndl_needle_contact_force_f32
 #define ndl_needle_depth ndl_needle_depth_f32

@@ -462,6 +462,8 @@ NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
     return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
 }
 
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
+
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
 {
     ndl_contact none;

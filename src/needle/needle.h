@@ -154,6 +154,9 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
+/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone with the
+ * body's last needle. */
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);

@@ -254,7 +254,7 @@ static void ndli_topology_read_tets(ndli_topology *t, const sb_body *body)
         memset(t->tets + 4 * (size_t)e, -1, 4 * sizeof(int));
         t->parents[e] = e;
         t->tet_mark[e] = 0;
-        t->regions[e] = sbi_body_region(body, e);
+        t->regions[e] = sbi_body_cell_region(body, e);
         for (int c = 3; nodes && c >= 0; c--)
             ndli_topology_join(t, 4 * e + c, nodes[c]);
         if (nodes) {

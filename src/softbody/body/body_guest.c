@@ -69,7 +69,7 @@ SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
     return body->live ? sbi_body_view_slots(&body->live->cells) : none;
 }
 
-SBI_API int sbi_body_region(const sb_body *body, int cell)
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
 {
     return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
 }
