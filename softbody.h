@@ -55730,14 +55730,32 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const 
     sbi_elimination *e = b->elimination;
     sb_result result;
     double begin = sbi_step_now(b);
-    (void)guests; /* conjugate gradients have none yet */
-    SB_ASSERT(guest_count == 0);
-    (void)guest_count;
+    sbi_guests list;
+    sb_matrix *matrix = e ? &e->matrix : &b->matrix;
+    list.list = (const sbi_guest *const *)guests;
+    list.count = guest_count;
+    if (guest_count > 0) { /* HACK */
+        sbi_guest_step gs;
+        memset(&gs, 0, sizeof gs);
+        gs.matrix = matrix;
+        gs.displacement = b->displacement, gs.velocity = b->velocity, gs.acceleration = b->acceleration;
+        gs.dt = (double)step->dt;
+        gs.velocity_factor = (double)step->cv, gs.acceleration_factor = (double)step->ca, gs.level = (double)step->level;
+        result = sbi_pcg_reserve_guests(&b->pcg, matrix, &list, &info->error);
+        for (int g = 0; g < guest_count && result == SB_OK; g++)
+            result = guests[g]->begin(guests[g]->user, &gs, &info->error);
+        sbi_precond_set_poisson(e ? e->precond : b->precond, sbi_body_poisson(b));
+        if (result == SB_OK)
+            result = sbi_pcg_update_preconditioner(e ? e->precond : b->precond, matrix, b->position, &list, &b->pcg,
+                                                   &info->error);
+        if (result != SB_OK)
+            return result;
+    }
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_guests(matrix, e ? e->precond : b->precond, &b->rhs[0].x, &b->increment[0].x, &list, &options,
+                                  &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
