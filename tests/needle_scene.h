@@ -251,6 +251,24 @@ static inline sb_vec3 needle_contact_sum(const ndl_needle *needle)
     return sum;
 }
 
+/* Mesh and body have the same nodes and cells at the same places, number by number. */
+static inline int needle_scene_is_mesh_of(const sb_body *body, const sb_mesh *mesh)
+{
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    if (sb_body_node_count(body) != mesh->node_count || sb_body_element_count(body) != mesh->element_count)
+        return 0;
+    for (int t = 0; t < mesh->element_count; t++)
+        if (!sb_body_cell_in_use(body, t) ||
+            memcmp(sb_body_cell_nodes(body, t), mesh->elements + 4 * t, 4 * sizeof(int)) != 0)
+            return 0;
+    return memcmp(X, mesh->nodes, (size_t)mesh->node_count * sizeof *X) == 0;
+}
+static inline int needle_scene_is_original(const needle_scene *s)
+{
+    return needle_scene_is_mesh_of(s->body, &s->mesh) &&
+           (s->count == 0 || ndl_remesh_is_original(ndl_needle_remesh(s->needles[0])));
+}
+
 /* All of body and needles finite, and the mesh sound. */
 static inline int needle_scene_is_sound(const needle_scene *s)
 {
