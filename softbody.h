@@ -322,7 +322,8 @@
  *
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
- * nothing leaks.
+ * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
+ * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
  *
  * THREADS
  *
@@ -1911,11 +1912,12 @@ typedef struct sbi_polar_lanes {
     sb_real good[SB_POLAR_LANES], last[SB_POLAR_LANES];
 } sbi_polar_lanes;
 
-/* One step in each moving lane. Lanes never look at each other. Two loops, so that no arithmetic can sink
- * into the selection. */
+/* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
+ * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
 SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                                            sbi_polar_lanes *SB_RESTRICT s)
 {
+    sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
         sb_mat3 a;
@@ -1924,7 +1926,11 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
         a.m[1][0] = f[3][l], a.m[1][1] = f[4][l], a.m[1][2] = f[5][l];
         a.m[2][0] = f[6][l], a.m[2][1] = f[7][l], a.m[2][2] = f[8][l];
         s->good[l] = sbi_polar_newton(a, q, &u, &s->last[l]) ? (sb_real)1 : (sb_real)0;
-        q = sbi_polar_turn(q, u);
+        turn[0][l] = u.x, turn[1][l] = u.y, turn[2][l] = u.z;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
+        q = sbi_polar_turn(q, sb_v3_scale(s->good[l], sb_v3(turn[0][l], turn[1][l], turn[2][l])));
         s->next[0][l] = q.w, s->next[1][l] = q.x, s->next[2][l] = q.y, s->next[3][l] = q.z;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1991,6 +1997,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
+    int some_hard;
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real n = q[0][l] * q[0][l] + q[1][l] * q[1][l] + q[2][l] * q[2][l] + q[3][l] * q[3][l];
         int unit = (n > (sb_real)0.99) & (n < (sb_real)1.01);
@@ -2006,11 +2013,14 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
     }
     for (int l = 0; l < SB_POLAR_LANES; l++)
         s.hard[l] += s.moving[l];
-    sbi_polar_batch_finish(&s, q, r);
-    if (sbi_polar_any(s.hard))
+    some_hard = sbi_polar_any(s.hard);
+    for (int k = 0; some_hard && k < 4; k++) /* these may have any length, and would overflow on the way to theirs */
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            if (s.hard[l] > 0)
-                sbi_polar_lane(f, s.start, q, r, l);
+            s.q[k][l] = s.hard[l] > 0 ? (sb_real)0.5 : s.q[k][l];
+    sbi_polar_batch_finish(&s, q, r);
+    for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
+        if (s.hard[l] > 0)
+            sbi_polar_lane(f, s.start, q, r, l);
 }
 
 #undef SBI_POLAR_STEPS
@@ -8949,7 +8959,13 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
         size[i] = sb_v3_norm(normals[i]);
     for (int i = 0; i < 4; i++)
         for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            sb_real product = size[i] * size[j], cosine;
+            if (!(product > 0)) { /* a face without an area: as bad as can be */
+                *of_smallest = 1;
+                *of_largest = -1;
+                return;
+            }
+            cosine = -sb_v3_dot(normals[i], normals[j]) / product;
             *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
             *of_largest = cosine >= *of_largest ? *of_largest : cosine;
         }
@@ -9552,10 +9568,9 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
     }
 }
 
-static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+static void sbi_mesh_check_quality(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     sbi_mesh_table table;
-    double area, volume;
     report->worst_element = -1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
@@ -9565,6 +9580,13 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
             report->worst_quality = quality;
         }
     }
+}
+
+/* One after the other: the tables of both at once would take most of the stack that the header promises to do with. */
+static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+{
+    double area, volume;
+    sbi_mesh_check_quality(mesh, defect, report);
     sbi_mesh_measure(mesh, defect, &area, &volume);
     report->area = (sb_real)area;
     report->volume = (sb_real)volume;
@@ -9667,15 +9689,11 @@ static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table
     return volume < 0;
 }
 
-SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+/* Returns the number of elements that it mirrored. */
+static int sbi_mesh_orient_solids(sb_mesh *mesh)
 {
     sbi_mesh_table table;
     int count = 0;
-    sb_result result = sbi_mesh_check_arrays(mesh, error);
-    if (result != SB_OK)
-        return result;
-    if (sb_element_dimension(mesh->element_type) == 2)
-        return sb_mesh_orient_surface(mesh, flipped, error);
     sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
     for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
@@ -9683,6 +9701,18 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
             count++;
         }
     }
+    return count;
+}
+
+SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+{
+    int count;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sb_mesh_orient_surface(mesh, flipped, error);
+    count = sbi_mesh_orient_solids(mesh);
     if (flipped)
         *flipped = count;
     return SB_OK;
@@ -21257,9 +21287,9 @@ static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
+        if (!(size * SBI_SURFACE_NO_LIMIT > (float)SBI_SURFACE_BINS))
+            continue; /* flat */
         per_unit = (float)SBI_SURFACE_BINS / size;
-        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
-            continue;
         if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
@@ -21751,8 +21781,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] + 1.0e-24f; /* cube: no overflow */
+        float inverse = 1.0f / (square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -22487,7 +22517,8 @@ static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v
 
 static void sbi_surface_beam_reach(sbi_surface_beam *beam)
 {
-    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    sb_real way = sb_min(beam->best - beam->start, (sb_real)SBI_SURFACE_NO_LIMIT);
+    sb_real reach = way * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
     beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
 }
 
@@ -22510,9 +22541,9 @@ static void sbi_surface_beam_shear(sbi_surface_beam *beam)
 static float sbi_surface_slope(sb_real x)
 {
     float f = (float)x;
-    if (f > 1.0e-30f || f < -1.0e-30f)
+    if (f > 1.0e-20f || f < -1.0e-20f)
         return 1.0f / f;
-    return 1.0e30f;
+    return 1.0e20f; /* times SBI_SURFACE_NOWHERE it is still a float */
 }
 
 /* Sets up a ray; 0 when it has no direction or passes the surface by. */
