@@ -28,7 +28,8 @@
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others that follow (sb_body_listen): embeddings, contact, needles.
+ * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
+ *   (SB_ERROR_STATE), and they are made anew.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
  * as much again, and they have to be asked for anew. */
