@@ -91,6 +91,32 @@ static inline sb_body *scene_body(const sb_body_def *def)
     return body;
 }
 
+/* A body whose mesh may change. */
+static inline sb_body *scene_changing_body(const sb_mesh *mesh, sb_material material)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = mesh;
+    def.material = material;
+    def.slack = REAL(0.1);
+    return scene_body(&def);
+}
+
+/* Removes every ninth cell about the middle: their slots stay, free. */
+static inline void scene_remove_cells(sb_body *body)
+{
+    int count = sb_body_element_count(body);
+    sb_body_change *change;
+    sb_error error;
+    if (!CHECK_OK(sb_body_change_begin(body, &change, &error)))
+        return;
+    for (int e = count / 3; e < count / 2; e += 9)
+        CHECK_OK(sb_body_change_remove_cell(change, e, &error));
+    if (!CHECK_OK(sb_body_change_commit(change, &error))) {
+        printf("%s\n", error.message);
+        sb_body_change_cancel(change);
+    }
+}
+
 /* Largest |a - b| over count vectors. */
 static inline double scene_distance(const sb_vec3 *a, const sb_vec3 *b, int count)
 {
