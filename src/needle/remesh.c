@@ -1387,7 +1387,8 @@ static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_chang
     int plan = 0;
     for (int i = 0; i < c->node_count && result == SB_OK; i++)
         if (!c->nodes[i].created)
-            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, error);
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
+                                              4, error);
     for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
         int event = c->node_events[i].node, slot = 0;
         ndli_heirs heirs;
