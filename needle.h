@@ -5185,9 +5185,7 @@ NDLI_API int ndli_topology_source(const ndli_topology *t, sb_vec3 X, int start, 
 {
     int tet = ndli_topology_find(t, t->X, X, start, w), best = start;
     sb_real most = -SB_REAL_MAX, sum = 0;
-    if (tet >= 0)
-        return tet;
-    for (int c = 0; c < 4; c++) { /* a dent may have ended the walk: look about the start */
+    for (int c = 0; tet < 0 && c < 4; c++) { /* a dent may have ended the walk: look about the start */
         for (int k = t->node_star[t->tets[4 * (size_t)start + (size_t)c]]; k >= 0; k = t->corner_next[k]) {
             const int *n = t->tets + 4 * (size_t)(k / 4);
             sb_real least;
@@ -5199,7 +5197,7 @@ NDLI_API int ndli_topology_source(const ndli_topology *t, sb_vec3 X, int start, 
             }
         }
     }
-    {
+    if (tet < 0) {
         const int *n = t->tets + 4 * (size_t)best;
         ndli_tet_weights(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]], X, w);
     }
@@ -5207,7 +5205,7 @@ NDLI_API int ndli_topology_source(const ndli_topology *t, sb_vec3 X, int start, 
         sum += w[c] = sb_max(w[c], 0);
     for (int c = 0; c < 4; c++)
         w[c] /= sum;
-    return best;
+    return tet < 0 ? best : tet;
 }
 
 NDLI_API int ndli_topology_plan(ndli_topology *mesh, int node, sb_vec3 X, int start)
