@@ -2776,8 +2776,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
- * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
- * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test. A
+ * free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
@@ -6435,7 +6435,8 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
-/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
+ * has weight and gradients of 0, so that loops that only read need not know. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
  * has changed. */
@@ -6445,7 +6446,8 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
-    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    return nodes[0] == nodes[1];
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
@@ -39606,8 +39608,7 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 
 static void sbi_domain_blank(sb_domain *domain, int e)
 {
-    for (int a = 0; a < 4; a++)
-        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->cells + 4 * (size_t)e, 0, 4 * sizeof(int));
     memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
     domain->weights[e] = 0;
 }
@@ -41616,13 +41617,7 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin;
-        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
-            for (int k = 0; k < 3 * (n - 1); k++)
-                d[k][l] = 0;
-            continue;
-        }
-        origin = u[cell[0]];
+        sb_vec3 origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -41685,7 +41680,7 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
-        if (cell[0] < 0)
+        if (cell[0] == cell[1]) /* a free slot: node 0 may be at work on another thread */
             continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
@@ -42772,7 +42767,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
-        if (cell[0] < 0)
+        if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
@@ -43521,7 +43516,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
     sbi_assembly_live *live = assembly->live;
     int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
-        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;
             live->chunk_nodes[first + count++] = cells[k];
         }
@@ -43539,9 +43534,8 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     for (int i = 0; i < live->node_capacity; i++)
         live->corner_first[i] = -1;
     for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        int node = domain->cells[corner];
-        if (node >= 0)
-            sbi_ring_add(live, node, corner);
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
     }
     for (int i = 0; i < matrix->row_count; i++)
         sbi_assembly_map_row(assembly, matrix, i);

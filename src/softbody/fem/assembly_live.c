@@ -140,7 +140,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
     sbi_assembly_live *live = assembly->live;
     int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
-        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;
             live->chunk_nodes[first + count++] = cells[k];
         }
@@ -158,9 +158,8 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     for (int i = 0; i < live->node_capacity; i++)
         live->corner_first[i] = -1;
     for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        int node = domain->cells[corner];
-        if (node >= 0)
-            sbi_ring_add(live, node, corner);
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
     }
     for (int i = 0; i < matrix->row_count; i++)
         sbi_assembly_map_row(assembly, matrix, i);
