@@ -28244,6 +28244,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* The same of rows. */
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
@@ -28941,6 +28943,11 @@ SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
 {
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->row_capacity : matrix->row_count;
 }
 
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
@@ -41389,6 +41396,9 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Memory for another matrix of the same nodes, and its maps. */
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
 SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
 
 /* Place of a pair in pair_next. */
@@ -42252,7 +42262,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
@@ -42371,10 +42381,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
+{
+    return !assembly->domain->cell_capacity && sbi_batch_fits(assembly->domain);
+}
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->live) {
+        sbi_assembly_map_rows(assembly, matrix);
+        return;
+    }
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
@@ -43527,6 +43544,12 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
@@ -43537,8 +43560,7 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
         if (!sbi_domain_is_free(domain, corner / 4))
             sbi_ring_add(live, domain->cells[corner], corner);
     }
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
+    sbi_assembly_map_rows(assembly, matrix);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
@@ -43636,13 +43658,13 @@ static int sbi_assembly_grow_memory(sbi_assembly *assembly)
 }
 
 /* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
 {
     sbi_assembly_live *live = assembly->live, grown = *live;
     size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = matrix->live->row_capacity;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = matrix->live->block_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
@@ -43657,6 +43679,15 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
 }
 
 /* Places to keep what parents have; 0: no memory. */
@@ -45118,6 +45149,8 @@ typedef struct sbi_live {
     sbi_slots nodes, cells;
     sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
     sb_quadrature_kind rule;  /* of the domain's points */
+    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;             /* of the def */
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -45163,6 +45196,11 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
 SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Matrix, and the body's cells of each node, as ones that follow; others stay as they are. */
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error);
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
+/* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
+SBI_API void sbi_live_label_nodes(sb_body *body);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -45173,6 +45211,36 @@ SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
     return body->live ? density * body->live->shares[cell] : density;
 }
 SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
+/* Cells and parts that arrays have room for. */
+SB_INLINE int sbi_live_cell_room(const sb_body *body)
+{
+    return body->live ? body->live->cells.capacity : body->domain.cell_count;
+}
+SB_INLINE int sbi_live_part_room(const sb_body *body) /* a part has a cell */
+{
+    return sbi_live_follows(body) ? body->node_capacity / body->domain.nodes_per_cell + 1 : body->component_count;
+}
+
+/* Walks the cells of a node in ascending order: `at` from sbi_live_first_cell on by sbi_live_next_cell until it is < 0;
+ * sbi_live_cell_of(body, at) is the cell. */
+SB_INLINE int sbi_live_first_cell(const sb_body *body, int node)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    if (body->assembly.live)
+        return body->assembly.live->corner_first[node];
+    return lists->offsets[node] < lists->offsets[node + 1] ? lists->offsets[node] : -1;
+}
+SB_INLINE int sbi_live_next_cell(const sb_body *body, int node, int at)
+{
+    if (body->assembly.live)
+        return body->assembly.live->corner_next[at];
+    return at + 1 < body->node_elements.offsets[node + 1] ? at + 1 : -1;
+}
+SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
+{
+    return body->assembly.live ? at / 4 : body->node_elements.items[at];
+}
 
 #endif /* SB_LIVE_PRIVATE_H */
 
@@ -45369,7 +45437,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
         sbi_free(&body->allocator, copy);
         copy = NULL;
     } else if (!copy) {
-        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
     }
@@ -45523,7 +45591,7 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
     if (!body->damping_blocks)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
     return SB_OK;
@@ -45854,13 +45922,15 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
     result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
                               error);
     sbi_free(&body->allocator, start);
+    if (result == SB_OK)
+        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
 static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
 {
-    size_t blocks = (size_t)pattern->matrix.block_count;
+    size_t blocks = (size_t)sbi_matrix_capacity(&pattern->matrix);
     if (body->mass_blocks)
         pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
     if (sbi_assembly_has_pairs(&body->assembly))
@@ -45871,7 +45941,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
                                             sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = pattern->matrix.block_count;
+    int most = sbi_matrix_capacity(&pattern->matrix);
     const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
@@ -45924,6 +45994,8 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
                                     &pattern->precond, error);
@@ -46094,12 +46166,11 @@ static int sbi_body_is_reversed(const int *a, const int *b, int corners)
 /* Finds the element face with these corner nodes; 0 when there is none. */
 static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
 {
-    const sb_index_lists *lists = &body->node_elements;
     sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         for (int face = 0; face < sbi_element_face_count(element); face++) {
             int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
             sb_element_type face_type = SB_NO_ELEMENT;
@@ -46175,7 +46246,7 @@ static int sbi_body_row_length(const sb_body *body, int node)
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int most = body->matrix.block_count, capacity;
+    int most = sbi_matrix_capacity(&body->matrix), capacity;
     void *blocks;
     if (needed <= body->support_capacity)
         return SB_OK;
@@ -46193,7 +46264,7 @@ SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
  * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = body->support_used, most = body->matrix.block_count;
+    int needed = body->support_used, most = sbi_matrix_capacity(&body->matrix);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
@@ -46606,7 +46677,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
     }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
 
 /* ---- motion ---- */
 
@@ -46874,11 +46945,9 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain;
-    const sb_index_lists *lists;
     if (!body || !values)
         return;
     domain = &body->domain;
-    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -46888,8 +46957,8 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
     for (int i = 0; i < domain->node_count; i++) {
         sb_real volume = 0;
-        for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            volume += sbi_body_element_volume(body, lists->items[k]);
+        for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at))
+            volume += sbi_body_element_volume(body, sbi_live_cell_of(body, at));
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }
@@ -46982,15 +47051,18 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
     int local[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < corners; a++)
         local[a] = a;
-    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
-        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+    for (int at = sbi_live_first_cell(body, cell[0]); at >= 0; at = sbi_live_next_cell(body, cell[0], at)) {
+        int e = sbi_live_cell_of(body, at);
+        if (e >= element)
+            return 0;
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)e * (size_t)n, local, corners))
             return 1;
+    }
     return 0;
 }
 
@@ -47245,11 +47317,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 /* The same for what depends on cells, parts and the matrix. */
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
-    size_t parts = (size_t)body->component_count;
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -47348,19 +47420,29 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-SBI_API void sbi_body_label_nodes(sb_body *body)
+static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
         body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        if (lonely) /* it would make every system singular */
+        if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
         else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
@@ -47379,7 +47461,7 @@ SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
     body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(&body->allocator, node_colours);
-    return SB_OK;
+    return sbi_live_make_assembly(body, error);
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
@@ -47402,11 +47484,12 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
     if (result == SB_OK)
         result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
+    body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -48722,6 +48805,31 @@ static int sbi_live_with_slack(int count, sb_real slack)
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
 }
 
+/* Slack of a matrix with as much room for rows as the body has for nodes. */
+static double sbi_live_matrix_slack(const sb_body *body, const sb_matrix *matrix)
+{
+    double slack = (double)body->node_capacity / (double)matrix->row_count - 1 + 1e-6;
+    return slack > body->live->slack ? slack : body->live->slack;
+}
+
+/* Room for more cells in what is there already. */
+static sb_result sbi_live_take_cells(sb_body *body, sb_error *error)
+{
+    int capacity = body->live->cells.capacity, *material;
+    sb_result result = SB_OK;
+    if (body->live->follows)
+        result = sbi_domain_make_live(&body->domain, capacity, error);
+    if (result != SB_OK)
+        return result;
+    material = (int *)sbi_alloc_zeroed(&body->allocator, (size_t)capacity, sizeof(int));
+    if (!material)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", capacity);
+    memcpy(material, body->cell_material, (size_t)body->domain.cell_count * sizeof(int));
+    sbi_free(&body->allocator, body->cell_material);
+    body->cell_material = material;
+    return sbi_live_make_matrix(body, &body->matrix, error);
+}
+
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
@@ -48751,7 +48859,42 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
                      ? SB_QUADRATURE_STIFFNESS
                      : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
-    return SB_OK;
+    live->slack = (double)def->slack;
+    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    return sbi_live_take_cells(body, error);
+}
+
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
+{
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    return sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
+                                sbi_live_matrix_slack(body, matrix), error);
+}
+
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
+{
+    sb_result result;
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
+    if (result == SB_OK)
+        sb_index_lists_free(&body->node_elements); /* rings take their place */
+    return result;
+}
+
+SBI_API void sbi_live_label_nodes(sb_body *body)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int lonely = -1; /* the part of all nodes that are coupled with no other */
+    for (int i = 0; i < matrix->row_count && lonely < 0; i++)
+        if (sbi_live_first_cell(body, i) < 0)
+            lonely = matrix->live->part_of[i];
+    body->component_count = matrix->part_count - (lonely >= 0);
+    for (int i = 0; i < matrix->row_count; i++) {
+        int part = matrix->live->part_of[i];
+        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+    }
 }
 
 SBI_API void sbi_live_destroy(sb_body *body)
@@ -48927,10 +49070,9 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     return SB_OK;
 }
 
-/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
-static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+/* Motion of free nodes, and mass and elements of all; mass: summed anew; *listed: counts the elements. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, size_t *listed, sb_error *error)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
     sb_vec3 u = body->displacement[i], v = body->velocity[i];
     if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
@@ -48939,13 +49081,14 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
         return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
                              (double)body->lumped_mass[i], (double)mass);
-    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        int found = 0;
+    for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at)) {
+        int e = sbi_live_cell_of(body, at), found = 0;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        ++*listed;
         for (int a = 0; a < n; a++)
             found |= cell[a] == i;
-        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+        if (!found || !sb_body_cell_in_use(body, e))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, e);
     }
     return SB_OK;
 }
@@ -48954,7 +49097,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_real *mass;
-    size_t used = 0;
+    size_t used = 0, listed = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -48982,11 +49125,13 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
-    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
-        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
-                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
-        result = sbi_live_check_node(body, i, mass[i], error);
+        result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && used != listed)
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
+                          (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
     return result;
 }
@@ -49644,11 +49789,12 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
 /* Upper bound of the cells that a moved node reshapes. */
 static int sbi_change_count_reshaped(const sb_body_change *change)
 {
-    const sb_index_lists *lists = &change->body->node_elements;
+    const sb_body *body = change->body;
     int64_t count = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        count += lists->offsets[node + 1] - lists->offsets[node];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+            count++;
     }
     return count < INT32_MAX ? (int)count : INT32_MAX;
 }
@@ -49725,11 +49871,11 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
                                      sb_mesh_change *out)
 {
-    const sb_index_lists *elements = &change->body->node_elements;
+    const sb_body *body = change->body;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
-            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
             if (!stays)
@@ -50037,11 +50183,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     sb_domain *domain = &next->domain;
     sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     next->live = live;
+    cells = (size_t)mesh->cells.capacity;
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
+    domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
@@ -50049,7 +50197,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
-        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+        next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
@@ -50058,7 +50206,10 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
+    live->follows = body->live->follows;
+    live->slack = body->live->slack;
     live->version = body->live->version + 1;
     next->node_capacity = live->nodes.capacity;
     next->material_count = body->material_count;
@@ -50127,18 +50278,23 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);
     if (result == SB_OK)
+        result = sbi_live_make_matrix(next, &next->matrix, error);
+    if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
+    next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
     if (result == SB_OK)
         result = sbi_body_take_topology(next, error);
     if (result != SB_OK)
         return result;
     memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    result = sbi_body_prepare_assembly(next, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_label_nodes(next);
     result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(next, error);
+        result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
@@ -50748,10 +50904,9 @@ static void sbi_live_rows_close(sbi_live_rows *rows)
 /* 1 when a cell of the next mesh has all nodes of the list. */
 static int sbi_live_share_cell(const sb_body *body, const int *nodes, int count)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[nodes[0]]; k < lists->offsets[nodes[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         int found = 0;
         for (int i = 0; i < count; i++)
             for (int a = 0; a < n; a++)

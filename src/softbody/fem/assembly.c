@@ -25,7 +25,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
@@ -144,10 +144,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
+{
+    return !assembly->domain->cell_capacity && sbi_batch_fits(assembly->domain);
+}
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->live) {
+        sbi_assembly_map_rows(assembly, matrix);
+        return;
+    }
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
