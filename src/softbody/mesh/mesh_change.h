@@ -39,6 +39,9 @@ typedef struct sb_mesh_change {
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+    const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
+    const int *moved_sources;  /* as sources */
+    const sb_real *moved_weights;
 
     int removed_cell_count;
     const int *removed_cells;      /* [removed_cell_count] */
