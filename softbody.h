@@ -322,7 +322,8 @@
  *
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
- * nothing leaks.
+ * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
+ * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
  *
  * THREADS
  *
@@ -1911,11 +1912,12 @@ typedef struct sbi_polar_lanes {
     sb_real good[SB_POLAR_LANES], last[SB_POLAR_LANES];
 } sbi_polar_lanes;
 
-/* One step in each moving lane. Lanes never look at each other. Two loops, so that no arithmetic can sink
- * into the selection. */
+/* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
+ * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
 SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                                            sbi_polar_lanes *SB_RESTRICT s)
 {
+    sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
         sb_mat3 a;
@@ -1924,7 +1926,11 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
         a.m[1][0] = f[3][l], a.m[1][1] = f[4][l], a.m[1][2] = f[5][l];
         a.m[2][0] = f[6][l], a.m[2][1] = f[7][l], a.m[2][2] = f[8][l];
         s->good[l] = sbi_polar_newton(a, q, &u, &s->last[l]) ? (sb_real)1 : (sb_real)0;
-        q = sbi_polar_turn(q, u);
+        turn[0][l] = u.x, turn[1][l] = u.y, turn[2][l] = u.z;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
+        q = sbi_polar_turn(q, sb_v3_scale(s->good[l], sb_v3(turn[0][l], turn[1][l], turn[2][l])));
         s->next[0][l] = q.w, s->next[1][l] = q.x, s->next[2][l] = q.y, s->next[3][l] = q.z;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1991,6 +1997,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
+    int some_hard;
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real n = q[0][l] * q[0][l] + q[1][l] * q[1][l] + q[2][l] * q[2][l] + q[3][l] * q[3][l];
         int unit = (n > (sb_real)0.99) & (n < (sb_real)1.01);
@@ -2006,11 +2013,14 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
     }
     for (int l = 0; l < SB_POLAR_LANES; l++)
         s.hard[l] += s.moving[l];
-    sbi_polar_batch_finish(&s, q, r);
-    if (sbi_polar_any(s.hard))
+    some_hard = sbi_polar_any(s.hard);
+    for (int k = 0; some_hard && k < 4; k++) /* these may have any length, and would overflow on the way to theirs */
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            if (s.hard[l] > 0)
-                sbi_polar_lane(f, s.start, q, r, l);
+            s.q[k][l] = s.hard[l] > 0 ? (sb_real)0.5 : s.q[k][l];
+    sbi_polar_batch_finish(&s, q, r);
+    for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
+        if (s.hard[l] > 0)
+            sbi_polar_lane(f, s.start, q, r, l);
 }
 
 #undef SBI_POLAR_STEPS
@@ -2802,6 +2812,9 @@ typedef struct sb_mesh_change {
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+    const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
+    const int *moved_sources;  /* as sources */
+    const sb_real *moved_weights;
 
     int removed_cell_count;
     const int *removed_cells;      /* [removed_cell_count] */
@@ -4727,14 +4740,15 @@ SB_API const char *sb_check_string(unsigned warning);
  * stress.
  *
  * What a change does to what is there:
- * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources. Where the cells made
+ * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources, and so has a node that
+ *   was moved with sources (along axes that it is supported along only where all of them are). Where the cells made
  *   weigh what those they replace did, the nodes of the cells that changed then get a common rigid velocity, so that
  *   linear and angular momentum are what they were, to rounding. Nodes with supports get none of it; momentum that the
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
@@ -4778,8 +4792,14 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
-/* Moves a node in the reference shape; its displacement stays. Its cells change shape, also those not named here. */
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error);
+/* Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node
+ * counts.
+ * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so that
+ *                   the body's motion stays where it was while the node slides through it. count 0: the node keeps the
+ *                   motion it has, a made one that of its sources
+ * Errors as of sb_body_change_add_node. */
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error);
 /* Removes a node in use before the change.
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
@@ -8203,7 +8223,13 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
         size[i] = sb_v3_norm(normals[i]);
     for (int i = 0; i < 4; i++)
         for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            sb_real product = size[i] * size[j], cosine;
+            if (!(product > 0)) { /* a face without an area: as bad as can be */
+                *of_smallest = 1;
+                *of_largest = -1;
+                return;
+            }
+            cosine = -sb_v3_dot(normals[i], normals[j]) / product;
             *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
             *of_largest = cosine >= *of_largest ? *of_largest : cosine;
         }
@@ -8806,10 +8832,9 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
     }
 }
 
-static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+static void sbi_mesh_check_quality(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     sbi_mesh_table table;
-    double area, volume;
     report->worst_element = -1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
@@ -8819,6 +8844,13 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
             report->worst_quality = quality;
         }
     }
+}
+
+/* One after the other: the tables of both at once would take most of the stack that the header promises to do with. */
+static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+{
+    double area, volume;
+    sbi_mesh_check_quality(mesh, defect, report);
     sbi_mesh_measure(mesh, defect, &area, &volume);
     report->area = (sb_real)area;
     report->volume = (sb_real)volume;
@@ -8921,15 +8953,11 @@ static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table
     return volume < 0;
 }
 
-SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+/* Returns the number of elements that it mirrored. */
+static int sbi_mesh_orient_solids(sb_mesh *mesh)
 {
     sbi_mesh_table table;
     int count = 0;
-    sb_result result = sbi_mesh_check_arrays(mesh, error);
-    if (result != SB_OK)
-        return result;
-    if (sb_element_dimension(mesh->element_type) == 2)
-        return sb_mesh_orient_surface(mesh, flipped, error);
     sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
     for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
@@ -8937,6 +8965,18 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
             count++;
         }
     }
+    return count;
+}
+
+SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+{
+    int count;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sb_mesh_orient_surface(mesh, flipped, error);
+    count = sbi_mesh_orient_solids(mesh);
     if (flipped)
         *flipped = count;
     return SB_OK;
@@ -20511,9 +20551,9 @@ static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
+        if (!(size * SBI_SURFACE_NO_LIMIT > (float)SBI_SURFACE_BINS))
+            continue; /* flat */
         per_unit = (float)SBI_SURFACE_BINS / size;
-        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
-            continue;
         if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
@@ -21005,8 +21045,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] + 1.0e-24f; /* cube: no overflow */
+        float inverse = 1.0f / (square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -21741,7 +21781,8 @@ static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v
 
 static void sbi_surface_beam_reach(sbi_surface_beam *beam)
 {
-    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    sb_real way = sb_min(beam->best - beam->start, (sb_real)SBI_SURFACE_NO_LIMIT);
+    sb_real reach = way * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
     beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
 }
 
@@ -21764,9 +21805,9 @@ static void sbi_surface_beam_shear(sbi_surface_beam *beam)
 static float sbi_surface_slope(sb_real x)
 {
     float f = (float)x;
-    if (f > 1.0e-30f || f < -1.0e-30f)
+    if (f > 1.0e-20f || f < -1.0e-20f)
         return 1.0f / f;
-    return 1.0e30f;
+    return 1.0e20f; /* times SBI_SURFACE_NOWHERE it is still a float */
 }
 
 /* Sets up a ray; 0 when it has no direction or passes the surface by. */
@@ -45186,7 +45227,7 @@ SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->l
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
-    int first, count;  /* sources (numbers before the change) or heirs among the entries */
+    int first, count;  /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
     int flags;
     int dropped;       /* 1: made and removed again */
     sb_vec3 position;
@@ -45222,9 +45263,10 @@ struct sb_body_change {
 typedef struct sbi_change_lists {
     void *memory;
     int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
+    int *moved_start, *moved_sources;
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
-    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
+    sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
 } sbi_change_lists;
 
@@ -49007,7 +49049,8 @@ enum {
     SBI_CHANGE_REMOVE_NODE = 3,
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
-    SBI_CHANGE_REMOVE_CELL = 6
+    SBI_CHANGE_REMOVE_CELL = 6,
+    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
@@ -49274,9 +49317,11 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     return SB_OK;
 }
 
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error)
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error)
 {
     sbi_changed_node *made, *moved = NULL;
+    int first;
     sb_result result;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_move_node needs a change");
@@ -49284,9 +49329,13 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         return sbi_fail_node(error, SB_ERROR_NOT_FINITE, node, "the new place of node %d is not finite", node);
     if (!sbi_slots_is_used(&change->nodes, node))
         return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
-    result = sbi_change_reserve(change, 0, error);
+    result = sbi_change_check_list(change, sources, weights, count, "sources", error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, sbi_max_int(count, sbi_change_expanded(change, sources, count)), error);
     if (result != SB_OK)
         return result;
+    first = change->entries.count;
+    sbi_change_expand(change, sources, weights, count);
     made = sbi_change_made_node(change, node);
     for (int i = 0; i < change->moved_nodes.count && !made; i++)
         if (change->moved_nodes.items[i].node == node)
@@ -49296,9 +49345,16 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         memset(moved, 0, sizeof *moved);
         moved->node = node;
     }
-    (made ? made : moved)->position = position;
-    sbi_change_log_int(change, SBI_CHANGE_MOVE_NODE);
+    moved = made ? made : moved;
+    moved->position = position;
+    if (count || !made) {
+        moved->first = first;
+        moved->count = change->entries.count - first;
+    }
+    sbi_change_log_int(change, count ? SBI_CHANGE_SLIDE_NODE : SBI_CHANGE_MOVE_NODE);
     sbi_change_log_int(change, node);
+    if (count)
+        sbi_change_log_list(change, sources, weights, count);
     sbi_change_log_vector(change, position);
     return SB_OK;
 }
@@ -49549,9 +49605,10 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
     number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
-    if (call == SBI_CHANGE_MOVE_NODE) {
+    if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
+        count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
-        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, error);
+        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
     }
     if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
         sb_change_cell cell = sb_default_change_cell();
@@ -49613,6 +49670,9 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
     lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->moved_start = (int *)sbi_arena_take(arena, moved + 1, sizeof(int));
+    lists->moved_sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->moved_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->removed_cells = (int *)sbi_arena_take(arena, gone, sizeof(int));
     lists->removed_cell_nodes = (int *)sbi_arena_take(arena, gone, n * sizeof(int));
     lists->made_cells = (int *)sbi_arena_take(arena, come, sizeof(int));
@@ -49635,6 +49695,17 @@ static int sbi_change_count_reshaped(const sb_body_change *change)
     return count < INT32_MAX ? (int)count : INT32_MAX;
 }
 
+/* Lists a record's sources or heirs; returns the end of the list. */
+static int sbi_change_list_entries(const sb_body_change *change, const sbi_changed_node *node, int end, int *nodes,
+                                   sb_real *weights)
+{
+    for (int k = 0; k < node->count; k++, end++) {
+        nodes[end] = change->entries.items[node->first + k].node;
+        weights[end] = change->entries.items[node->first + k].weight;
+    }
+    return end;
+}
+
 static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
 {
     int entries = 0;
@@ -49645,10 +49716,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
         lists->source_start[out->made_node_count++] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->sources[entries] = change->entries.items[node->first + k].node;
-            lists->source_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
     lists->source_start[out->made_node_count] = entries;
     entries = 0;
@@ -49656,18 +49724,20 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         const sbi_changed_node *node = change->removed_nodes.items + i;
         lists->removed_nodes[i] = node->node;
         lists->heir_start[i] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->heirs[entries] = change->entries.items[node->first + k].node;
-            lists->heir_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->heirs, lists->heir_weights);
     }
     out->removed_node_count = change->removed_nodes.count;
     lists->heir_start[out->removed_node_count] = entries;
     out->moved_node_count = change->moved_nodes.count;
+    entries = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
-        lists->moved_nodes[i] = change->moved_nodes.items[i].node;
-        lists->moved_from[i] = change->body->reference[change->moved_nodes.items[i].node];
+        const sbi_changed_node *node = change->moved_nodes.items + i;
+        lists->moved_nodes[i] = node->node;
+        lists->moved_from[i] = change->body->reference[node->node];
+        lists->moved_start[i] = entries;
+        entries = sbi_change_list_entries(change, node, entries, lists->moved_sources, lists->moved_weights);
     }
+    lists->moved_start[out->moved_node_count] = entries;
 }
 
 static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
@@ -49826,6 +49896,9 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->heir_weights = lists->heir_weights;
     out->moved_nodes = lists->moved_nodes;
     out->moved_from = lists->moved_from;
+    out->moved_start = lists->moved_start;
+    out->moved_sources = lists->moved_sources;
+    out->moved_weights = lists->moved_weights;
     out->removed_cells = lists->removed_cells;
     out->removed_cell_nodes = lists->removed_cell_nodes;
     out->made_cells = lists->made_cells;
@@ -50163,28 +50236,78 @@ static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE
     memcpy(vectors, list, sizeof list);
 }
 
-/* The weighted sum of the sources of made node `index`. */
-static sb_vec3 sbi_live_interpolate(const sbi_mesh_change *change, int index, const sb_vec3 *values)
+/* Sources of one node. */
+typedef struct sbi_live_sources {
+    int count;
+    const int *nodes;
+    const sb_real *weights;
+} sbi_live_sources;
+
+static sbi_live_sources sbi_live_get_sources(const int *start, int index, const int *nodes, const sb_real *weights)
 {
-    sb_vec3 sum = sb_v3(0, 0, 0), first = values[change->sources[change->source_start[index]]];
+    sbi_live_sources sources;
+    sources.count = start[index + 1] - start[index];
+    sources.nodes = nodes + start[index];
+    sources.weights = weights + start[index];
+    return sources;
+}
+
+/* The weighted sum of at least one source. */
+static sb_vec3 sbi_live_interpolate(const sbi_live_sources *sources, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), first = values[sources->nodes[0]];
     /* from the first source, so that what is the same for all stays the same to the last bit */
-    for (int k = change->source_start[index] + 1; k < change->source_start[index + 1]; k++)
-        sum = sb_v3_madd(sum, change->source_weights[k], sb_v3_sub(values[change->sources[k]], first));
+    for (int k = 1; k < sources->count; k++)
+        sum = sb_v3_madd(sum, sources->weights[k], sb_v3_sub(values[sources->nodes[k]], first));
     return sb_v3_add(first, sum);
+}
+
+/* The axes along which all sources are supported; nodes without a cell are held for another reason. */
+static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources *sources)
+{
+    unsigned axes = SB_XYZ;
+    for (int k = 0; k < sources->count; k++)
+        axes &= body->node_component[sources->nodes[k]] < 0 ? 0u : (unsigned)body->fixed[sources->nodes[k]];
+    return axes;
 }
 
 /* A node made: motion of its sources, and their supports unless it is a copy. */
 static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
 {
-    int node = change->made_nodes[index], first = change->source_start[index], end = change->source_start[index + 1];
-    unsigned axes = change->made_copies[index] ? 0 : SB_XYZ;
-    for (int k = first; k < end; k++) /* nodes without a cell are held for another reason */
-        axes &= body->node_component[change->sources[k]] < 0 ? 0u : (unsigned)body->fixed[change->sources[k]];
-    next->displacement[node] = sbi_live_interpolate(change, index, body->displacement);
-    next->velocity[node] = sbi_live_interpolate(change, index, body->velocity);
-    next->acceleration[node] = sbi_live_interpolate(change, index, body->acceleration);
-    next->target[node] = axes ? sbi_live_interpolate(change, index, body->target) : sb_v3(0, 0, 0);
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
+    int node = change->made_nodes[index];
+    unsigned axes = change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources);
+    next->displacement[node] = sbi_live_interpolate(&sources, body->displacement);
+    next->velocity[node] = sbi_live_interpolate(&sources, body->velocity);
+    next->acceleration[node] = sbi_live_interpolate(&sources, body->acceleration);
+    next->target[node] = axes ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
     next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+}
+
+/* The components of b along the axes, and those of a along the others. */
+static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
+{
+    return sb_v3(axes & SB_X ? b.x : a.x, axes & SB_Y ? b.y : a.y, axes & SB_Z ? b.z : a.z);
+}
+
+/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
+static void sbi_live_carry_moved(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+{
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->moved_start, index, change->moved_sources, change->moved_weights);
+    int node = change->moved_nodes[index];
+    unsigned held = next->fixed[node], both, free;
+    if (!sources.count)
+        return;
+    both = held & sbi_live_common_axes(body, &sources);
+    free = SB_XYZ & (~held | both);
+    next->displacement[node] = sbi_live_select(free, next->displacement[node],
+                                               sbi_live_interpolate(&sources, body->displacement));
+    next->velocity[node] = sbi_live_select(free, next->velocity[node], sbi_live_interpolate(&sources, body->velocity));
+    next->acceleration[node] = sbi_live_select(free, next->acceleration[node],
+                                               sbi_live_interpolate(&sources, body->acceleration));
+    next->target[node] = sbi_live_select(both, next->target[node], sbi_live_interpolate(&sources, body->target));
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
@@ -50207,6 +50330,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
     for (int i = 0; i < change->made_node_count; i++)
         sbi_live_carry_made(body, change, i, next);
+    for (int i = 0; i < change->moved_node_count; i++)
+        sbi_live_carry_moved(body, change, i, next);
     for (int i = 0; i < change->removed_node_count; i++)
         for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
             sb_vec3 force = body->dead_load[change->removed_nodes[i]];
