@@ -8,6 +8,9 @@
 #if defined(SB_USE_OPENMP)
 #include <omp.h>
 #endif
+#if defined(CHECK_THREADS)
+#include <pthread.h>
+#endif
 
 #define REAL(x) ((sb_real)(x))
 /* A tolerance that float can meet too: `tolerance` in double, at least `eps_count` machine epsilons. */
@@ -187,11 +190,48 @@ static inline sb_allocator scene_allocator(scene_memory *memory)
     return allocator;
 }
 
-/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first; with OpenMP on threads. */
+#if defined(CHECK_THREADS)
+typedef struct scene_worker {
+    sb_task task;
+    void *task_user;
+    int first, stride, count;
+    pthread_t thread;
+} scene_worker;
+
+static inline void *scene_work(void *user)
+{
+    const scene_worker *worker = (const scene_worker *)user;
+    for (int i = worker->first; i < worker->count; i += worker->stride)
+        worker->task(worker->task_user, i);
+    return NULL;
+}
+
+/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. */
+static inline void scene_run_threads(int count, sb_task task, void *task_user, int workers)
+{
+    enum { MOST = 16 };
+    scene_worker all[MOST];
+    workers = workers > MOST ? MOST : workers;
+    for (int w = 0; w < workers; w++) {
+        all[w].task = task, all[w].task_user = task_user;
+        all[w].first = w, all[w].stride = workers, all[w].count = count;
+        if (w > 0)
+            CHECK_INT(pthread_create(&all[w].thread, NULL, scene_work, &all[w]), 0);
+    }
+    scene_work(&all[0]);
+    for (int w = 1; w < workers; w++)
+        CHECK_INT(pthread_join(all[w].thread, NULL), 0);
+}
+#endif
+
+/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first; with OpenMP or
+ * CHECK_THREADS (make test-tsan) on threads. */
 static inline void scene_run(void *user, sb_task task, void *task_user, int count)
 {
     int workers = *(const int *)user;
-#if defined(SB_USE_OPENMP)
+#if defined(CHECK_THREADS)
+    scene_run_threads(count, task, task_user, workers);
+#elif defined(SB_USE_OPENMP)
     sb_jobs jobs = sb_jobs_openmp();
     omp_set_num_threads(workers);
     jobs.run(jobs.user, task, task_user, count);

@@ -1,6 +1,7 @@
 /* assembly: loops over integration points. */
 #include "assembly_batch.h"
 #include "assembly_live.h"
+#include "material_models.h"
 
 #include <string.h>
 
@@ -418,7 +419,7 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
         if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -438,7 +439,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
     }
@@ -469,7 +470,7 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
     if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -937,7 +938,7 @@ static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, co
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {
