@@ -322,7 +322,8 @@
  *
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
- * nothing leaks.
+ * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
+ * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
  *
  * THREADS
  *
@@ -1911,11 +1912,12 @@ typedef struct sbi_polar_lanes {
     sb_real good[SB_POLAR_LANES], last[SB_POLAR_LANES];
 } sbi_polar_lanes;
 
-/* One step in each moving lane. Lanes never look at each other. Two loops, so that no arithmetic can sink
- * into the selection. */
+/* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
+ * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
 SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                                            sbi_polar_lanes *SB_RESTRICT s)
 {
+    sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
         sb_mat3 a;
@@ -1924,7 +1926,11 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
         a.m[1][0] = f[3][l], a.m[1][1] = f[4][l], a.m[1][2] = f[5][l];
         a.m[2][0] = f[6][l], a.m[2][1] = f[7][l], a.m[2][2] = f[8][l];
         s->good[l] = sbi_polar_newton(a, q, &u, &s->last[l]) ? (sb_real)1 : (sb_real)0;
-        q = sbi_polar_turn(q, u);
+        turn[0][l] = u.x, turn[1][l] = u.y, turn[2][l] = u.z;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
+        q = sbi_polar_turn(q, sb_v3_scale(s->good[l], sb_v3(turn[0][l], turn[1][l], turn[2][l])));
         s->next[0][l] = q.w, s->next[1][l] = q.x, s->next[2][l] = q.y, s->next[3][l] = q.z;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1991,6 +1997,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
+    int some_hard;
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real n = q[0][l] * q[0][l] + q[1][l] * q[1][l] + q[2][l] * q[2][l] + q[3][l] * q[3][l];
         int unit = (n > (sb_real)0.99) & (n < (sb_real)1.01);
@@ -2006,11 +2013,14 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
     }
     for (int l = 0; l < SB_POLAR_LANES; l++)
         s.hard[l] += s.moving[l];
-    sbi_polar_batch_finish(&s, q, r);
-    if (sbi_polar_any(s.hard))
+    some_hard = sbi_polar_any(s.hard);
+    for (int k = 0; some_hard && k < 4; k++) /* these may have any length, and would overflow on the way to theirs */
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            if (s.hard[l] > 0)
-                sbi_polar_lane(f, s.start, q, r, l);
+            s.q[k][l] = s.hard[l] > 0 ? (sb_real)0.5 : s.q[k][l];
+    sbi_polar_batch_finish(&s, q, r);
+    for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
+        if (s.hard[l] > 0)
+            sbi_polar_lane(f, s.start, q, r, l);
 }
 
 #undef SBI_POLAR_STEPS
@@ -3519,11 +3529,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
  * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
  * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
- * function allocates or keeps state; all are thread-safe.
- *
- * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
- * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
- * points instantiated per model contains that model's arithmetic only. */
+ * function allocates or keeps state; all are thread-safe. */
 #ifndef SB_MATERIAL_H
 #define SB_MATERIAL_H
 
@@ -3708,749 +3714,6 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
-
-/* ==== internal: workers of one model =====================================================================
- * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
- * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. */
-
-/* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
-
-/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
-SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
-{
-    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
-}
-
-/* scale a + shift I */
-SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
-{
-    a = sb_m3_scale(scale, a);
-    for (int i = 0; i < 3; i++)
-        a.m[i][i] += shift;
-    return a;
-}
-
-/* Writes block (i,k) and its mirror image (k,i); i <= k. */
-SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
-{
-    for (int j = 0; j < 3; j++)
-        for (int l = 0; l < 3; l++) {
-            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
-            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
-        }
-}
-
-/* A += weight d (x) d, exactly symmetric. */
-SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
-{
-    for (int p = 0; p < 9; p++) {
-        sb_real scaled = weight * d.m[p / 3][p % 3];
-        for (int q = p; q < 9; q++)
-            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
-    }
-}
-
-/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
-SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
-{
-    if (sb_abs(x) < (sb_real)0.125) {
-        sb_real sum = 1;
-        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
-            sum = 1 - x / (sb_real)n * sum;
-        return sum;
-    }
-    return (1 - sb_exp(-x)) / x;
-}
-
-/* ---- linear ---- */
-
-SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
-{
-    sb_mat3 e;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
-    return e;
-}
-
-/* lambda tr(e) I + 2 mu e */
-SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
-{
-    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
-    sb_real pressure = m->lambda * sb_m3_trace(e);
-    for (int i = 0; i < 3; i++)
-        s.m[i][i] += pressure;
-    return s;
-}
-
-/* lambda/2 tr(e)^2 + mu e:e */
-SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
-{
-    sb_real trace = sb_m3_trace(e);
-    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
-}
-
-/* ---- corotated ---- */
-
-/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
-typedef struct sbi_corotation {
-    sb_mat3 r;
-    sb_vec3 s;
-    sb_mat3 v;
-} sbi_corotation;
-
-SBI_FORCE_INLINE sbi_corotation sbi_corotate(const int model, const sb_mat3 *F, sb_quat *rotation)
-{
-    sbi_corotation c;
-    if (model == SB_COROTATED_INVERTIBLE) {
-        sb_mat3 u;
-        sb_m3_svd(*F, &u, &c.s, &c.v);
-        c.r = sb_m3_mult(u, c.v);
-    } else {
-        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
-        c.r = sb_quat_to_mat3(q);
-        if (rotation)
-            *rotation = q;
-        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
-        c.v = sb_m3_zero();
-    }
-    return c;
-}
-
-/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
-    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
-}
-
-SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 d = sb_m3_sub(*F, *r);
-    sb_real trace = sb_m3_ddot(*r, *F) - 3;
-    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
-}
-
-/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
- *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
- * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
- * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
-
-/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
-SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
-
-/* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
-{
-    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
-    sb_mat3 spin;
-    z[0] = mu + kappa / sb_max(s.y + s.z, least);
-    z[1] = mu + kappa / sb_max(s.x + s.z, least);
-    z[2] = mu + kappa / sb_max(s.x + s.y, least);
-    if (kind != SB_TANGENT_EXACT)
-        for (int k = 0; k < 3; k++)
-            z[k] = sb_max(z[k], 0);
-    for (int i = 0; i < 3; i++)
-        for (int j = i; j < 3; j++)
-            spin.m[i][j] = spin.m[j][i] =
-                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
-    return spin;
-}
-
-/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
- * rotation is nearly not unique. */
-SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
-{
-    sb_real trace = sb_m3_trace(stretch);
-    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
-    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
-    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
-        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
-        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
-            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
-        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
-            return sb_m3_zero();
-    }
-    sb_vec3 s;
-    sb_mat3 v;
-    sb_m3_eigen(stretch, &s, &v);
-    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
-}
-
-/* sym(R^T F) */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 s = sb_m3_tmul(*r, *F);
-    for (int i = 0; i < 3; i++)
-        for (int j = i + 1; j < 3; j++)
-            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
-    return s;
-}
-
-/* [r]x m: column c is r x (column c of m). */
-SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
-{
-    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
-                         sb_v3_cross(r, sb_m3_column(m, 2)));
-}
-
-/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
-SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
-{
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ri = sbi_material_row(&r, i);
-        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
-        for (int k = i; k < 3; k++) {
-            sb_vec3 rk = sbi_material_row(&r, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
-            if (i == k)
-                block = sbi_material_affine(1, block, m->mu);
-            if (spin)
-                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    sbi_corotation c = sbi_corotate(model, F, rotation);
-    sb_real kappa;
-    sb_mat3 spin;
-    if (kind == SB_TANGENT_QUASI) {
-        sbi_corotated_assemble(m, c.r, NULL, A);
-        return;
-    }
-    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
-    if (model == SB_COROTATED_INVERTIBLE)
-        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
-    else
-        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
-    sbi_corotated_assemble(m, c.r, &spin, A);
-}
-
-/* Hooke's tangent: the rotated one at R = I. */
-SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
-{
-    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
-}
-
-/* ---- St.Venant-Kirchhoff ---- */
-
-/* E = (F^T F - I)/2 */
-SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
-{
-    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
-}
-
-/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
-SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
-            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
-        }
-    }
-}
-
-/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
-
-/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
- *     P = alpha F + second N - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
- *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
- * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
-typedef struct sbi_barrier {
-    sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
-} sbi_barrier;
-
-/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
-SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
-{
-    *curvature = 2 * m->c20 + 6 * m->c30 * i;
-    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
-}
-
-/* The isochoric family's coefficients; cofactor = cof F. */
-SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
-                                            const sb_mat3 *cofactor, sbi_barrier *out)
-{
-    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-    sb_real square = root * root, slope = m->c10, curvature = 0;
-    if (model == SB_REDUCED_POLYNOMIAL)
-        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
-    out->alpha = 2 * slope / square;
-    out->beta = -(sb_real)2 / 3 * out->alpha;
-    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
-    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
-        out->zeta = 4 * curvature / (square * square);
-        out->beta -= out->zeta * I1 / 3;
-        out->gamma += out->zeta * I1 * I1 / 9;
-    }
-    if (model == SB_MOONEY_RIVLIN) {
-        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
-        out->second = 2 * m->c01 / (square * square);
-        out->zeta = 2 * out->second;
-        out->gamma += (sb_real)8 / 9 * out->second * I2;
-        out->epsilon += 2 * out->second * I2 / 3;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    if (!(J > 0))
-        return 0;
-    out->J = J;
-    out->b = sb_m3_scale(1 / J, cofactor);
-    out->zeta = out->second = 0;
-    if (model == SB_NEO_HOOKEAN) {
-        out->alpha = m->mu;
-        out->beta = 0;
-        out->gamma = m->lambda;
-        out->epsilon = m->mu - m->lambda * sb_log(J);
-    } else {
-        sbi_barrier_isochoric(model, m, F, &cofactor, out);
-    }
-    return 1;
-}
-
-/* N = F (I1 I - C) */
-SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
-}
-
-SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    *P = sb_m3_scale(c.alpha, *F);
-    if (model == SB_MOONEY_RIVLIN)
-        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
-    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
-    return 1;
-}
-
-SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
-{
-    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
-    if (!(J > 0))
-        return 0;
-    if (model == SB_NEO_HOOKEAN) {
-        sb_real log_J = sb_log(J);
-        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
-    } else {
-        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
-        if (model == SB_REDUCED_POLYNOMIAL)
-            slope += i * (m->c20 + m->c30 * i);
-        *W = slope * i + (J - 1) * (J - 1) / m->d1;
-        if (model == SB_MOONEY_RIVLIN) {
-            sb_mat3 cofactor = sb_m3_cofactor(*F);
-            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
-        }
-    }
-    return 1;
-}
-
-/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
- * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
-SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
-            block = sb_m3_add(block, sb_m3_outer(li, bk));
-            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
-            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
-            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
-            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    if (model == SB_MOONEY_RIVLIN) {
-        sbi_mooney_tangent(&c, F, A);
-        return 1;
-    }
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c.b, i);
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
-            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
-                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
-            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN) {
-                sb_vec3 left = sb_v3_scale(c.beta, bk);
-                if (model == SB_REDUCED_POLYNOMIAL)
-                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
-                block = sb_m3_add(block, sb_m3_outer(fi, left));
-            }
-            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
-        }
-    }
-    return 1;
-}
-
-/* ---- stable neo-Hookean ---- */
-
-/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
-SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
-}
-
-SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
-{
-    sb_real growth = sb_m3_det(*F) - 1;
-    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
-           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
-}
-
-/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
- * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
-SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 c = sb_m3_cofactor(*F);
-    sb_real stiffness = m->lambda + m->mu;
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
-        for (int k = i; k < 3; k++) {
-            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
-            if (i == k) {
-                block = sbi_material_affine(1, block, m->mu);
-            } else {
-                int n = 3 - i - k;
-                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
-                for (int j = 0; j < 3; j++) {
-                    int l = (j + 1) % 3, p = (j + 2) % 3;
-                    block.m[j][l] += signed_q * F->m[n][p];
-                    block.m[l][j] -= signed_q * F->m[n][p];
-                }
-            }
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
-
-/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
-SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
-{
-    sb_real lower[9][9], largest = 0, tolerance;
-    for (int r = 0; r < 9; r++) {
-        largest = sb_max(largest, A[10 * r]);
-        for (int c = 0; c <= r; c++)
-            lower[r][c] = A[9 * r + c];
-    }
-    tolerance = 32 * SB_EPSILON * largest;
-    for (int c = 0; c < 9; c++) {
-        sb_real pivot = lower[c][c];
-        if (pivot > tolerance) {
-            for (int r = c + 1; r < 9; r++) {
-                sb_real factor = lower[r][c] / pivot;
-                for (int q = c + 1; q <= r; q++)
-                    lower[r][q] -= factor * lower[q][c];
-            }
-            continue;
-        }
-        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
-        if (!(pivot >= -tolerance))
-            return 0;
-        for (int r = c + 1; r < 9; r++)
-            if (!(sb_abs(lower[r][c]) <= tolerance))
-                return 0;
-    }
-    return 1;
-}
-
-/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
- * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
-typedef struct sbi_principal {
-    sb_mat3 stretch;
-    sb_real same[3], cross[3];
-} sbi_principal;
-
-SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
-    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
-        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
-        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
-        out->cross[i] = m->mu * s[j] * s[k];
-    }
-}
-
-/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
-SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
-{
-    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
-    sb_real normal[3]; /* N_i = normal_i s_i */
-    for (int i = 0; i < 3; i++)
-        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
-                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
-        out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) *
-                product +
-            c->zeta * s[j] * s[k];
-        out->same[i] = c->alpha + c->second * squares[i];
-        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
-    }
-}
-
-SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
-        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
-        out->same[i] = m->mu;
-        out->cross[i] = -q * s[i];
-    }
-}
-
-/* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
-{
-    sbi_barrier c;
-    if (model == SB_SVK)
-        sbi_principal_svk(m, s, out);
-    else if (model == SB_STABLE_NEO_HOOKEAN)
-        sbi_principal_stable(m, s, out);
-    else if (sbi_barrier_at(model, m, F, &c))
-        sbi_principal_barrier(&c, s, out);
-}
-
-/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
-SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    sb_vec3 values;
-    sb_mat3 modes;
-    sb_m3_eigen(stretch, &values, &modes);
-    const sb_real scaling[3] = {values.x, values.y, values.z};
-    for (int k = 0; k < 3; k++) {
-        sb_mat3 scaled = u;
-        if (!(scaling[k] < 0))
-            continue;
-        for (int c = 0; c < 3; c++)
-            for (int r = 0; r < 3; r++)
-                scaled.m[r][c] *= modes.m[c][k];
-        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
-    }
-}
-
-/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
- * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
- * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
- * care (Smith et al. 2019). */
-SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    for (int k = 0; k < 3; k++) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
-        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
-        sb_real twist = principal->same[k] - principal->cross[k];
-        sb_real flip = principal->same[k] + principal->cross[k];
-        if (twist < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
-        if (flip < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
-    }
-    if (!sbi_material_is_positive(principal->stretch))
-        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
-}
-
-/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
-SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    if (sbi_tangent_is_semidefinite(A))
-        return;
-    sb_mat3 u, v;
-    sb_vec3 stretches;
-    sbi_principal principal;
-    sb_m3_svd(*F, &u, &stretches, &v);
-    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
-    sbi_principal_at(model, m, F, s, &principal);
-    sbi_tangent_lift(&principal, u, v, A);
-}
-
-/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
- * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
- * add to their output, and return 0 with it untouched when the share is not finite. */
-
-/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
-{
-    sb_real e, growth;
-    *a = sb_m3_apply(*F, a0);
-    e = sb_v3_dot(*a, *a) - 1;
-    *first = *second = 0;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
-    *first = growth * e;
-    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
-    return sb_is_finite(*first) && sb_is_finite(*second);
-}
-
-SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
-{
-    sb_vec3 a = sb_m3_apply(*F, a0);
-    sb_real e = sb_v3_dot(a, a) - 1, energy;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
-    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
-    if (!sb_is_finite(energy))
-        return 0;
-    *W += energy;
-    return 1;
-}
-
-/* P = 2 W' a a0^T */
-SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (first > 0)
-        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
-    return 1;
-}
-
-/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
- * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
-SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (!(second > 0))
-        return 1;
-    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
-    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < 3; l++)
-                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
-    return 1;
-}
-
-/* ---- the workers; `model` is a literal where speed counts ---- */
-
-SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_real *W)
-{
-    switch (model) {
-    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *W = sbi_corotated_energy(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
-    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_mat3 *P)
-{
-    switch (model) {
-    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *P = sbi_corotated_stress(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
-    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    switch (model) {
-    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
-    case SB_SVK: sbi_svk_tangent(m, F, A); break;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL:
-        if (!sbi_barrier_tangent(model, m, F, A))
-            return 0;
-        break;
-    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
-    default: return 0;
-    }
-    if (kind != SB_TANGENT_EXACT)
-        sbi_tangent_project(model, m, F, A);
-    return 1;
-}
 
 #endif /* SB_MATERIAL_H */
 
@@ -8962,7 +8225,13 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
         size[i] = sb_v3_norm(normals[i]);
     for (int i = 0; i < 4; i++)
         for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            sb_real product = size[i] * size[j], cosine;
+            if (!(product > 0)) { /* a face without an area: as bad as can be */
+                *of_smallest = 1;
+                *of_largest = -1;
+                return;
+            }
+            cosine = -sb_v3_dot(normals[i], normals[j]) / product;
             *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
             *of_largest = cosine >= *of_largest ? *of_largest : cosine;
         }
@@ -9565,10 +8834,9 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
     }
 }
 
-static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+static void sbi_mesh_check_quality(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     sbi_mesh_table table;
-    double area, volume;
     report->worst_element = -1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
@@ -9578,6 +8846,13 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
             report->worst_quality = quality;
         }
     }
+}
+
+/* One after the other: the tables of both at once would take most of the stack that the header promises to do with. */
+static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+{
+    double area, volume;
+    sbi_mesh_check_quality(mesh, defect, report);
     sbi_mesh_measure(mesh, defect, &area, &volume);
     report->area = (sb_real)area;
     report->volume = (sb_real)volume;
@@ -9680,15 +8955,11 @@ static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table
     return volume < 0;
 }
 
-SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+/* Returns the number of elements that it mirrored. */
+static int sbi_mesh_orient_solids(sb_mesh *mesh)
 {
     sbi_mesh_table table;
     int count = 0;
-    sb_result result = sbi_mesh_check_arrays(mesh, error);
-    if (result != SB_OK)
-        return result;
-    if (sb_element_dimension(mesh->element_type) == 2)
-        return sb_mesh_orient_surface(mesh, flipped, error);
     sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
     for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
@@ -9696,6 +8967,18 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
             count++;
         }
     }
+    return count;
+}
+
+SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+{
+    int count;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sb_mesh_orient_surface(mesh, flipped, error);
+    count = sbi_mesh_orient_solids(mesh);
     if (flipped)
         *flipped = count;
     return SB_OK;
@@ -21270,9 +20553,9 @@ static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
+        if (!(size * SBI_SURFACE_NO_LIMIT > (float)SBI_SURFACE_BINS))
+            continue; /* flat */
         per_unit = (float)SBI_SURFACE_BINS / size;
-        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
-            continue;
         if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
@@ -21764,8 +21047,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] + 1.0e-24f; /* cube: no overflow */
+        float inverse = 1.0f / (square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -22500,7 +21783,8 @@ static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v
 
 static void sbi_surface_beam_reach(sbi_surface_beam *beam)
 {
-    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    sb_real way = sb_min(beam->best - beam->start, (sb_real)SBI_SURFACE_NO_LIMIT);
+    sb_real reach = way * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
     beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
 }
 
@@ -22523,9 +21807,9 @@ static void sbi_surface_beam_shear(sbi_surface_beam *beam)
 static float sbi_surface_slope(sb_real x)
 {
     float f = (float)x;
-    if (f > 1.0e-30f || f < -1.0e-30f)
+    if (f > 1.0e-20f || f < -1.0e-20f)
         return 1.0f / f;
-    return 1.0e30f;
+    return 1.0e20f; /* times SBI_SURFACE_NOWHERE it is still a float */
 }
 
 /* Sets up a ray; 0 when it has no direction or passes the surface by. */
@@ -26737,6 +26021,758 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/fem/material_models.h ==== */
+/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks what
+ * goes in and comes out.
+ *
+ * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
+ * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. The model is chosen
+ * at run time: loops instantiated for one model were no faster, but for the neo-Hookean force, by a tenth. */
+#ifndef SBI_MATERIAL_MODELS_H
+#define SBI_MATERIAL_MODELS_H
+
+
+/* Row i of a. */
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
+{
+    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
+}
+
+/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
+SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
+{
+    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
+}
+
+/* scale a + shift I */
+SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
+{
+    a = sb_m3_scale(scale, a);
+    for (int i = 0; i < 3; i++)
+        a.m[i][i] += shift;
+    return a;
+}
+
+/* Writes block (i,k) and its mirror image (k,i); i <= k. */
+SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
+{
+    for (int j = 0; j < 3; j++)
+        for (int l = 0; l < 3; l++) {
+            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
+            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
+        }
+}
+
+/* A += weight d (x) d, exactly symmetric. */
+SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
+{
+    for (int p = 0; p < 9; p++) {
+        sb_real scaled = weight * d.m[p / 3][p % 3];
+        for (int q = p; q < 9; q++)
+            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
+    }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
+}
+
+/* ---- linear ---- */
+
+SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
+{
+    sb_mat3 e;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
+    return e;
+}
+
+/* lambda tr(e) I + 2 mu e */
+SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
+{
+    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
+    sb_real pressure = m->lambda * sb_m3_trace(e);
+    for (int i = 0; i < 3; i++)
+        s.m[i][i] += pressure;
+    return s;
+}
+
+/* lambda/2 tr(e)^2 + mu e:e */
+SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
+{
+    sb_real trace = sb_m3_trace(e);
+    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
+}
+
+/* ---- corotated ---- */
+
+/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
+typedef struct sbi_corotation {
+    sb_mat3 r;
+    sb_vec3 s;
+    sb_mat3 v;
+} sbi_corotation;
+
+SBI_FORCE_INLINE sbi_corotation sbi_corotate(int model, const sb_mat3 *F, sb_quat *rotation)
+{
+    sbi_corotation c;
+    if (model == SB_COROTATED_INVERTIBLE) {
+        sb_mat3 u;
+        sb_m3_svd(*F, &u, &c.s, &c.v);
+        c.r = sb_m3_mult(u, c.v);
+    } else {
+        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
+        c.r = sb_quat_to_mat3(q);
+        if (rotation)
+            *rotation = q;
+        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
+        c.v = sb_m3_zero();
+    }
+    return c;
+}
+
+/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
+    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
+}
+
+SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 d = sb_m3_sub(*F, *r);
+    sb_real trace = sb_m3_ddot(*r, *F) - 3;
+    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
+}
+
+/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
+ *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
+ * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
+ * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
+
+/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
+SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
+
+/* Z from the eigen-decomposition S = V diag(s) V^T. */
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
+                                          sb_tangent_kind kind)
+{
+    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
+    sb_mat3 spin;
+    z[0] = mu + kappa / sb_max(s.y + s.z, least);
+    z[1] = mu + kappa / sb_max(s.x + s.z, least);
+    z[2] = mu + kappa / sb_max(s.x + s.y, least);
+    if (kind != SB_TANGENT_EXACT)
+        for (int k = 0; k < 3; k++)
+            z[k] = sb_max(z[k], 0);
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            spin.m[i][j] = spin.m[j][i] =
+                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
+    return spin;
+}
+
+/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
+ * rotation is nearly not unique. */
+SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
+{
+    sb_real trace = sb_m3_trace(stretch);
+    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
+    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
+    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
+        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
+        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
+            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
+        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
+            return sb_m3_zero();
+    }
+    sb_vec3 s;
+    sb_mat3 v;
+    sb_m3_eigen(stretch, &s, &v);
+    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
+}
+
+/* sym(R^T F) */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 s = sb_m3_tmul(*r, *F);
+    for (int i = 0; i < 3; i++)
+        for (int j = i + 1; j < 3; j++)
+            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
+    return s;
+}
+
+/* [r]x m: column c is r x (column c of m). */
+SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
+{
+    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
+                         sb_v3_cross(r, sb_m3_column(m, 2)));
+}
+
+/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
+SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
+{
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ri = sbi_material_row(&r, i);
+        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
+        for (int k = i; k < 3; k++) {
+            sb_vec3 rk = sbi_material_row(&r, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
+            if (i == k)
+                block = sbi_material_affine(1, block, m->mu);
+            if (spin)
+                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    sbi_corotation c = sbi_corotate(model, F, rotation);
+    sb_real kappa;
+    sb_mat3 spin;
+    if (kind == SB_TANGENT_QUASI) {
+        sbi_corotated_assemble(m, c.r, NULL, A);
+        return;
+    }
+    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
+    if (model == SB_COROTATED_INVERTIBLE)
+        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
+    else
+        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
+    sbi_corotated_assemble(m, c.r, &spin, A);
+}
+
+/* Hooke's tangent: the rotated one at R = I. */
+SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
+{
+    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
+}
+
+/* ---- St.Venant-Kirchhoff ---- */
+
+/* E = (F^T F - I)/2 */
+SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
+{
+    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
+}
+
+/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
+SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
+            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
+        }
+    }
+}
+
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
+
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
+typedef struct sbi_barrier {
+    sb_mat3 b;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
+} sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_at(int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    if (!(J > 0))
+        return 0;
+    out->J = J;
+    out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
+    if (model == SB_NEO_HOOKEAN) {
+        out->alpha = m->mu;
+        out->beta = 0;
+        out->gamma = m->lambda;
+        out->epsilon = m->mu - m->lambda * sb_log(J);
+    } else {
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
+    }
+    return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
+}
+
+SBI_FORCE_INLINE int sbi_barrier_stress(int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
+    return 1;
+}
+
+SBI_FORCE_INLINE int sbi_barrier_energy(int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
+{
+    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
+    if (!(J > 0))
+        return 0;
+    if (model == SB_NEO_HOOKEAN) {
+        sb_real log_J = sb_log(J);
+        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
+    } else {
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
+    }
+    return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c.b, i);
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
+            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
+                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
+            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
+            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
+        }
+    }
+    return 1;
+}
+
+/* ---- stable neo-Hookean ---- */
+
+/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
+SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
+}
+
+SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
+{
+    sb_real growth = sb_m3_det(*F) - 1;
+    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
+           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
+}
+
+/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
+ * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
+SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 c = sb_m3_cofactor(*F);
+    sb_real stiffness = m->lambda + m->mu;
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
+        for (int k = i; k < 3; k++) {
+            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
+            if (i == k) {
+                block = sbi_material_affine(1, block, m->mu);
+            } else {
+                int n = 3 - i - k;
+                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
+                for (int j = 0; j < 3; j++) {
+                    int l = (j + 1) % 3, p = (j + 2) % 3;
+                    block.m[j][l] += signed_q * F->m[n][p];
+                    block.m[l][j] -= signed_q * F->m[n][p];
+                }
+            }
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
+
+/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
+SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
+{
+    sb_real lower[9][9], largest = 0, tolerance;
+    for (int r = 0; r < 9; r++) {
+        largest = sb_max(largest, A[10 * r]);
+        for (int c = 0; c <= r; c++)
+            lower[r][c] = A[9 * r + c];
+    }
+    tolerance = 32 * SB_EPSILON * largest;
+    for (int c = 0; c < 9; c++) {
+        sb_real pivot = lower[c][c];
+        if (pivot > tolerance) {
+            for (int r = c + 1; r < 9; r++) {
+                sb_real factor = lower[r][c] / pivot;
+                for (int q = c + 1; q <= r; q++)
+                    lower[r][q] -= factor * lower[q][c];
+            }
+            continue;
+        }
+        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
+        if (!(pivot >= -tolerance))
+            return 0;
+        for (int r = c + 1; r < 9; r++)
+            if (!(sb_abs(lower[r][c]) <= tolerance))
+                return 0;
+    }
+    return 1;
+}
+
+/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
+ * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
+typedef struct sbi_principal {
+    sb_mat3 stretch;
+    sb_real same[3], cross[3];
+} sbi_principal;
+
+SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
+    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
+        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
+        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
+        out->cross[i] = m->mu * s[j] * s[k];
+    }
+}
+
+/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
+SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
+{
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
+        out->stretch.m[j][k] = out->stretch.m[k][j] =
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
+    }
+}
+
+SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
+        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
+        out->same[i] = m->mu;
+        out->cross[i] = -q * s[i];
+    }
+}
+
+/* The principal form of a hyperelastic model's tangent; F is admissible. */
+SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F,
+                                       const sb_real *s, sbi_principal *out)
+{
+    sbi_barrier c;
+    if (model == SB_SVK)
+        sbi_principal_svk(m, s, out);
+    else if (model == SB_STABLE_NEO_HOOKEAN)
+        sbi_principal_stable(m, s, out);
+    else if (sbi_barrier_at(model, m, F, &c))
+        sbi_principal_barrier(&c, s, out);
+}
+
+/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
+SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    sb_vec3 values;
+    sb_mat3 modes;
+    sb_m3_eigen(stretch, &values, &modes);
+    const sb_real scaling[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++) {
+        sb_mat3 scaled = u;
+        if (!(scaling[k] < 0))
+            continue;
+        for (int c = 0; c < 3; c++)
+            for (int r = 0; r < 3; r++)
+                scaled.m[r][c] *= modes.m[c][k];
+        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
+    }
+}
+
+/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
+ * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
+ * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
+ * care (Smith et al. 2019). */
+SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
+        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
+        sb_real twist = principal->same[k] - principal->cross[k];
+        sb_real flip = principal->same[k] + principal->cross[k];
+        if (twist < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
+        if (flip < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
+    }
+    if (!sbi_material_is_positive(principal->stretch))
+        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
+}
+
+/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
+SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    if (sbi_tangent_is_semidefinite(A))
+        return;
+    sb_mat3 u, v;
+    sb_vec3 stretches;
+    sbi_principal principal;
+    sb_m3_svd(*F, &u, &stretches, &v);
+    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
+    sbi_principal_at(model, m, F, s, &principal);
+    sbi_tangent_lift(&principal, u, v, A);
+}
+
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
+/* ---- by model ---- */
+
+SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_real *W)
+{
+    switch (model) {
+    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *W = sbi_corotated_energy(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
+    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_mat3 *P)
+{
+    switch (model) {
+    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *P = sbi_corotated_stress(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
+    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    switch (model) {
+    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
+    case SB_SVK: sbi_svk_tangent(m, F, A); break;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
+        if (!sbi_barrier_tangent(model, m, F, A))
+            return 0;
+        break;
+    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
+    default: return 0;
+    }
+    if (kind != SB_TANGENT_EXACT)
+        sbi_tangent_project(model, m, F, A);
+    return 1;
+}
+
+#endif /* SBI_MATERIAL_MODELS_H */
+
 /* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 
@@ -27059,7 +27095,7 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real energy = 0;
     if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_energy_inline((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
+        !sbi_model_energy((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
         return 0;
     *W = energy;
     if (rotation)
@@ -27072,7 +27108,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_stress_inline((int)material->model, material, F, &q, &stress) ||
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
         !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
@@ -27087,7 +27123,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
     if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_tangent_inline((int)material->model, material, F, &q, kind, tangent) ||
+        !sbi_model_tangent((int)material->model, material, F, &q, kind, tangent) ||
         !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
@@ -27117,7 +27153,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_real energy = 0;
     if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -27128,7 +27164,7 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
     if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -27139,7 +27175,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
     sb_vec3 unit;
     sb_real tangent[81] = {0};
     if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -42655,7 +42691,7 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
         if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -42675,7 +42711,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
     }
@@ -42706,7 +42742,7 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
     if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -43174,7 +43210,7 @@ static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, co
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {
