@@ -81,6 +81,31 @@ static int sbi_live_with_slack(int count, sb_real slack)
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
 }
 
+/* Slack of a matrix with as much room for rows as the body has for nodes. */
+static double sbi_live_matrix_slack(const sb_body *body, const sb_matrix *matrix)
+{
+    double slack = (double)body->node_capacity / (double)matrix->row_count - 1 + 1e-6;
+    return slack > body->live->slack ? slack : body->live->slack;
+}
+
+/* Room for more cells in what is there already. */
+static sb_result sbi_live_take_cells(sb_body *body, sb_error *error)
+{
+    int capacity = body->live->cells.capacity, *material;
+    sb_result result = SB_OK;
+    if (body->live->follows)
+        result = sbi_domain_make_live(&body->domain, capacity, error);
+    if (result != SB_OK)
+        return result;
+    material = (int *)sbi_alloc_zeroed(&body->allocator, (size_t)capacity, sizeof(int));
+    if (!material)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", capacity);
+    memcpy(material, body->cell_material, (size_t)body->domain.cell_count * sizeof(int));
+    sbi_free(&body->allocator, body->cell_material);
+    body->cell_material = material;
+    return sbi_live_make_matrix(body, &body->matrix, error);
+}
+
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
@@ -110,7 +135,42 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
                      ? SB_QUADRATURE_STIFFNESS
                      : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
-    return SB_OK;
+    live->slack = (double)def->slack;
+    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    return sbi_live_take_cells(body, error);
+}
+
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
+{
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    return sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
+                                sbi_live_matrix_slack(body, matrix), error);
+}
+
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
+{
+    sb_result result;
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
+    if (result == SB_OK)
+        sb_index_lists_free(&body->node_elements); /* rings take their place */
+    return result;
+}
+
+SBI_API void sbi_live_label_nodes(sb_body *body)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int lonely = -1; /* the part of all nodes that are coupled with no other */
+    for (int i = 0; i < matrix->row_count && lonely < 0; i++)
+        if (sbi_live_first_cell(body, i) < 0)
+            lonely = matrix->live->part_of[i];
+    body->component_count = matrix->part_count - (lonely >= 0);
+    for (int i = 0; i < matrix->row_count; i++) {
+        int part = matrix->live->part_of[i];
+        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+    }
 }
 
 SBI_API void sbi_live_destroy(sb_body *body)
@@ -286,10 +346,9 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     return SB_OK;
 }
 
-/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
-static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+/* Motion of free nodes, and mass and elements of all; mass: summed anew; *listed: counts the elements. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, size_t *listed, sb_error *error)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
     sb_vec3 u = body->displacement[i], v = body->velocity[i];
     if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
@@ -298,13 +357,14 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
         return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
                              (double)body->lumped_mass[i], (double)mass);
-    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        int found = 0;
+    for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at)) {
+        int e = sbi_live_cell_of(body, at), found = 0;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        ++*listed;
         for (int a = 0; a < n; a++)
             found |= cell[a] == i;
-        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+        if (!found || !sb_body_cell_in_use(body, e))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, e);
     }
     return SB_OK;
 }
@@ -313,7 +373,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_real *mass;
-    size_t used = 0;
+    size_t used = 0, listed = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -341,11 +401,13 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
-    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
-        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
-                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
-        result = sbi_live_check_node(body, i, mass[i], error);
+        result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && used != listed)
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
+                          (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
     return result;
 }
