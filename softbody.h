@@ -48759,8 +48759,8 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
-/* ==== src/softbody/body/live_mesh.c ==== */
-/* live_mesh: slots, readings and listeners of a mesh that may change. */
+/* ==== src/softbody/body/live_slots.c ==== */
+/* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
 
 #include <string.h>
 
@@ -48932,6 +48932,13 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
         body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
     }
 }
+
+/* ==== src/softbody/body/live_mesh.c ==== */
+/* live_mesh: readings and listeners of a mesh that may change. */
+
+#include <string.h>
+
+/* ---- what a body has of it ---- */
 
 SBI_API void sbi_live_destroy(sb_body *body)
 {
