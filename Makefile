@@ -8,6 +8,8 @@
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
 #   make test-traps                                  the tests where an invalid operation or a division by 0 is a signal
+#   make test-tsan                                   the tests of threads under the thread sanitizer
+#   make test-stack                                  the tests with 128 kB of stack each
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
@@ -47,7 +49,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-traps verification sanitize cross bench race \
+.PHONY: all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-traps test-tsan test-stack verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -140,6 +142,10 @@ SANITIZE_CFLAGS = -O1 -g
 PORTABLE = core dense element material mesh meshio sparse pcg body step state record surface embed grid rod steer tissue \
 	couple kdtree cloud cpd field picture
 THREADED = core step golden tissue couple precond multigrid
+# Suites with tests on several threads, and those tests.
+TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid integrators load match multigrid nicp \
+	parts precond record schemes step stuffing surface tissue viscoelastic
+TSAN_FILTER = /threads /same multigrid/the cloud/normals grid/surfaces surface/batches record/plays
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)
 FLOAT_TESTS = $(TESTS)
 some = $(1:%=tests/test_%.c)
@@ -152,6 +158,7 @@ $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float
 $(eval $(call suite,cpp,$(CXX) $(OTHER_CFLAGS),-std=c++11 $(WARNINGS) -x c++,,,$(call some,$(PORTABLE))))
 $(eval $(call suite,openmp,$(CC) $(OTHER_CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP,,,$(call some,$(THREADED))))
 $(eval $(call suite,traps,$(CC) $(OTHER_CFLAGS) -g,-std=c99 $(C_WARNINGS) -DCHECK_TRAPS,,,$(filter-out $(LONG) tests/test_hostile.c,$(TESTS))))
+$(eval $(call suite,tsan,$(CC) $(OTHER_CFLAGS) -g -fsanitize=thread,-std=c99 $(C_WARNINGS) -DCHECK_THREADS,-lpthread,,$(call some,$(TSAN_SUITES))))
 $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS),,,$(filter-out $(LONG),$(TESTS))))
 $(eval $(call suite,mingw,$(MINGW) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,.exe,$(call some,$(PORTABLE))))
 $(eval $(call suite,wasm,$(WASM) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-lwasi-emulated-process-clocks -Wl$(,)-z$(,)stack-size=1048576,.wasm,$(call some,$(PORTABLE))))
@@ -184,6 +191,20 @@ test-openmp: build/openmp/tests
 # Without the suite `hostile`: comparing the NaN that it hands over is an invalid operation itself.
 test-traps: build/traps/tests
 	build/traps/tests $(QUICK)
+test-tsan: build/tsan/tests
+	CHECK_QUICK=1 TSAN_OPTIONS=halt_on_error=1 build/tsan/tests $(or $(FILTER),$(TSAN_FILTER))
+
+# The tests in double, and what runs each of them on a stack of its own.
+STACK = 131072
+build/stack/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) -Ibuild/double $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -DCHECK_STACK=$(STACK) -c $< -o $@
+build/stack/tests: build/stack/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
+	$(CC) $(CFLAGS) $^ -lm -lpthread -o $@
+# Without tests whose own variables take 80 kB and more.
+LARGE = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -output/a -output/devices -picture/png
+test-stack: build/stack/tests
+	CHECK_QUICK=1 build/stack/tests $(or $(FILTER),$(SLOW) $(LARGE))
 sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 

@@ -46,6 +46,10 @@ extern check_state check;
 /* Whether long loops should be cut short: with CHECK_QUICK in the environment, for slow builds. */
 static inline int check_quick(void) { return getenv("CHECK_QUICK") != NULL; }
 
+/* From here on the test hands over what is not finite, or makes a call fail by numbers beyond all range: under CHECK_TRAPS
+ * (main.c) exceptions are masked for the rest of it. What such input raises on its way to its error is not promised. */
+void check_bad_numbers(void);
+
 static inline int check_that(int ok, const char *text, const char *file, int line)
 {
     if (!ok) {

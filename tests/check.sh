@@ -1,7 +1,7 @@
 #!/bin/bash
 # All that must hold before a change goes in: what CI runs (make check). CHECK_ALL=1 adds what takes as long again: every lint
-# and golden combination, C++ at run time, traps, violent loops under the sanitizers, other systems. Two steps at a time,
-# each of which keeps one core busy. Tools that only serve other systems may be missing and are then reported as skips.
+# and golden combination, C++ at run time, traps, threads, stack, violent loops under the sanitizers, other systems. Two steps
+# at a time, each of which keeps one core busy. Tools that only serve other systems may be missing and are then reported as skips.
 # Ends with one line `N passed, N failed, N skipped`.
 #
 # The order is that of what has found defects so far, the longest of those first: what comes last is cut off first when
@@ -50,6 +50,8 @@ counted "random sessions on every element" "$make soak SOAK_SECONDS=5"
 if [ -n "${CHECK_ALL:-}" ]; then
     counted "sanitizers over the suites of violent loops" "$make sanitize FILTER='step integrators stuffing schemes viscoelastic load bbar'"
     counted "tests where invalid operations are signals" "CHECK_QUICK=1 $make test-traps"
+    counted "tests of threads under the thread sanitizer" "$make test-tsan"
+    counted "tests with 128 kB of stack" "$make test-stack"
     counted "tests as C++11" "CHECK_QUICK=1 $make test-cpp"
     counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
     counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"

@@ -6,7 +6,13 @@
  * With CHECK_TRAPS (make test-traps) an operation that overflows, is invalid or divides by zero ends its test as failed, as
  * in a host that unmasks these exceptions; the addresses printed are for addr2line.
  *
+ * With CHECK_STACK (make test-stack) each test runs in a thread of its own, whose stack is painted first, and fails when it
+ * has used more than CHECK_STACK bytes, its own variables included.
+ *
  * suites.h is written by the Makefile: one line SUITE(name) for each CHECK_SUITE in tests/test_*.c. */
+#if defined(CHECK_TRAPS) || defined(CHECK_STACK)
+#define _GNU_SOURCE 1 /* feenableexcept, pthread_attr_setstack */
+#endif
 #include <time.h>
 
 #include "check.h"
@@ -62,6 +68,8 @@ static int is_selected(const check_suite *suite, const check_case *test, int fil
 
 static sigjmp_buf after_trap;
 
+void check_bad_numbers(void) { fedisableexcept(FE_ALL_EXCEPT); }
+
 static void trapped(int signal_number, siginfo_t *info, void *context)
 {
     void *frames[12];
@@ -90,7 +98,44 @@ static void run_body(const check_case *test)
     fedisableexcept(FE_ALL_EXCEPT);
     feclearexcept(FE_ALL_EXCEPT);
 }
+#elif defined(CHECK_STACK)
+#include <pthread.h>
+
+enum { STACK_ROOM = 1 << 20, STACK_PAINT = 0xA5, STACK_OVERHEAD = 8192 /* what libc keeps at the top of it, at most */ };
+
+void check_bad_numbers(void) {}
+
+static void *run_on_stack(void *test)
+{
+    ((const check_case *)test)->run();
+    return NULL;
+}
+
+static void run_body(const check_case *test)
+{
+    static unsigned char *stack;
+    size_t unused = 0;
+    pthread_attr_t attributes;
+    pthread_t thread;
+    if (!stack)
+        stack = (unsigned char *)aligned_alloc(4096, STACK_ROOM);
+    if (!CHECK(stack != NULL))
+        return;
+    memset(stack, STACK_PAINT, STACK_ROOM);
+    pthread_attr_init(&attributes);
+    if (CHECK_INT(pthread_attr_setstack(&attributes, stack, STACK_ROOM), 0) &&
+        CHECK_INT(pthread_create(&thread, &attributes, run_on_stack, (void *)(size_t)test), 0))
+        CHECK_INT(pthread_join(thread, NULL), 0);
+    pthread_attr_destroy(&attributes);
+    while (unused < STACK_ROOM && stack[unused] == STACK_PAINT)
+        unused++;
+    if (getenv("CHECK_STACK"))
+        printf("%7d bytes: %s\n", (int)(STACK_ROOM - unused), test->name);
+    if (!CHECK(STACK_ROOM - unused <= CHECK_STACK + STACK_OVERHEAD))
+        printf("    %d bytes of stack\n", (int)(STACK_ROOM - unused));
+}
 #else
+void check_bad_numbers(void) {}
 static void run_body(const check_case *test) { test->run(); }
 #endif
 

@@ -8,6 +8,9 @@
 #if defined(SB_USE_OPENMP)
 #include <omp.h>
 #endif
+#if defined(CHECK_THREADS)
+#include <pthread.h>
+#endif
 
 #define REAL(x) ((sb_real)(x))
 /* A tolerance that float can meet too: `tolerance` in double, at least `eps_count` machine epsilons. */
@@ -88,6 +91,32 @@ static inline sb_body *scene_body(const sb_body_def *def)
     return body;
 }
 
+/* A body whose mesh may change. */
+static inline sb_body *scene_changing_body(const sb_mesh *mesh, sb_material material)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = mesh;
+    def.material = material;
+    def.slack = REAL(0.1);
+    return scene_body(&def);
+}
+
+/* Removes every ninth cell about the middle: their slots stay, free. */
+static inline void scene_remove_cells(sb_body *body)
+{
+    int count = sb_body_element_count(body);
+    sb_body_change *change;
+    sb_error error;
+    if (!CHECK_OK(sb_body_change_begin(body, &change, &error)))
+        return;
+    for (int e = count / 3; e < count / 2; e += 9)
+        CHECK_OK(sb_body_change_remove_cell(change, e, &error));
+    if (!CHECK_OK(sb_body_change_commit(change, &error))) {
+        printf("%s\n", error.message);
+        sb_body_change_cancel(change);
+    }
+}
+
 /* Largest |a - b| over count vectors. */
 static inline double scene_distance(const sb_vec3 *a, const sb_vec3 *b, int count)
 {
@@ -161,11 +190,48 @@ static inline sb_allocator scene_allocator(scene_memory *memory)
     return allocator;
 }
 
-/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first; with OpenMP on threads. */
+#if defined(CHECK_THREADS)
+typedef struct scene_worker {
+    sb_task task;
+    void *task_user;
+    int first, stride, count;
+    pthread_t thread;
+} scene_worker;
+
+static inline void *scene_work(void *user)
+{
+    const scene_worker *worker = (const scene_worker *)user;
+    for (int i = worker->first; i < worker->count; i += worker->stride)
+        worker->task(worker->task_user, i);
+    return NULL;
+}
+
+/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. */
+static inline void scene_run_threads(int count, sb_task task, void *task_user, int workers)
+{
+    enum { MOST = 16 };
+    scene_worker all[MOST];
+    workers = workers > MOST ? MOST : workers;
+    for (int w = 0; w < workers; w++) {
+        all[w].task = task, all[w].task_user = task_user;
+        all[w].first = w, all[w].stride = workers, all[w].count = count;
+        if (w > 0)
+            CHECK_INT(pthread_create(&all[w].thread, NULL, scene_work, &all[w]), 0);
+    }
+    scene_work(&all[0]);
+    for (int w = 1; w < workers; w++)
+        CHECK_INT(pthread_join(all[w].thread, NULL), 0);
+}
+#endif
+
+/* Jobs that run the tasks as `workers` threads might: dealt out in turn, the last worker first; with OpenMP or
+ * CHECK_THREADS (make test-tsan) on threads. */
 static inline void scene_run(void *user, sb_task task, void *task_user, int count)
 {
     int workers = *(const int *)user;
-#if defined(SB_USE_OPENMP)
+#if defined(CHECK_THREADS)
+    scene_run_threads(count, task, task_user, workers);
+#elif defined(SB_USE_OPENMP)
     sb_jobs jobs = sb_jobs_openmp();
     omp_set_num_threads(workers);
     jobs.run(jobs.user, task, task_user, count);

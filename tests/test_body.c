@@ -568,6 +568,7 @@ static void test_bad_arguments(void)
     REFUSED(def.cookie = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.gravity.x = REAL(INFINITY), SB_ERROR_NOT_FINITE);
     REFUSED(def.damping_mass = -1, SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     REFUSED(def.damping_stiffness = REAL(NAN), SB_ERROR_ARGUMENT);
     REFUSED(def.tolerance = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.tolerance = 1, SB_ERROR_ARGUMENT);

@@ -461,6 +461,7 @@ static void test_every_moment(void)
 /* A failing step leaves no trace in any of it, what the condensed system's preconditioner learnt included. */
 static void test_failures_leave_no_trace(void)
 {
+    check_bad_numbers();
     for (int i = 0; i < KINDS; i++) {
         stage s;
         numbers ids;
@@ -587,6 +588,7 @@ static sb_body *make_marked_body(const stage *s, numbers *ids)
 static void test_forged_values(void)
 {
     enum { NUMBER_COUNT = 10 };
+    check_bad_numbers();
     const double endless = 10 * (double)SB_REAL_MAX;
     struct forged {
         double from, to;
@@ -787,6 +789,7 @@ static void check_forged_bytes(const variety *k, size_t stride)
 
 static void test_forged_bytes(void)
 {
+    check_bad_numbers();
     check_forged_bytes(kinds + 0, 13);
     check_forged_bytes(kinds + 11, 37);
     check_forged_bytes(kinds + 12, 37);

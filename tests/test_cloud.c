@@ -300,6 +300,7 @@ static void test_normals(void)
             CHECK(sb_v3_dot(cloud.normals[i], sb_v3_sub(view, points[i])) >= 0);
     CHECK_RESULT(reg_cloud_estimate_normals(&cloud, 2, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(reg_cloud_estimate_normals(NULL, 8, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     view.x = SB_REAL_MAX * 2;
     CHECK_RESULT(reg_cloud_estimate_normals(&cloud, 8, &view, NULL, NULL), SB_ERROR_NOT_FINITE);
     reg_cloud_free(&cloud);
@@ -379,6 +380,7 @@ static void test_spread(void)
 static void test_rules(void)
 {
     int wrong = 7;
+    check_bad_numbers();
     sb_real d[11] = {5, 5, 5, 5, 5, 5, 5, 5, 5, 5, 5}, scratch[11], infinite = SB_REAL_MAX * 2, limit;
     CHECK_NEAR(reg_outlier_limit(d, 11, REG_OUTLIERS_DEVIATION, 2, scratch), 5, 0); /* equal ones all stay */
     CHECK_NEAR(reg_outlier_limit(d, 11, REG_OUTLIERS_MEDIAN, 3, scratch), 5, 0);
@@ -618,6 +620,7 @@ static void test_bad_points(void)
     CHECK_RESULT(reg_cloud_from_points(&cloud, NULL, NULL, 3, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(reg_cloud_from_points(NULL, points, NULL, 3, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(reg_cloud_from_mesh(&cloud, NULL, NULL, &error), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     normals[2].y = SB_REAL_MAX * 2;
     CHECK_RESULT(reg_cloud_from_points(&cloud, points, normals, 3, NULL, &error), SB_ERROR_NOT_FINITE);
     CHECK_INT(error.node, 2);

@@ -844,6 +844,7 @@ static void test_threads(void)
 
 static void test_undo(void)
 {
+    check_bad_numbers();
     for (int k = 0; k < 4; k++) {
         sb_jobs jobs = {NULL, NULL};
         sb_integrator integrator = k % 2 ? SB_NEWMARK : SB_EULER;
@@ -938,6 +939,7 @@ static void test_bad_constraints(void)
     sb_body_def def = exact_def(&mesh, soft());
     sb_body *body = scene_body(&def);
     sb_constraint_term terms[4], chain[2];
+    check_bad_numbers();
     sb_real zero = 0, not_a_number = zero / zero;
     sb_real values[2] = {0, 0}, force = 7;
     int counts[2] = {2, 2}, id = 77, three = 3, last = mesh.node_count - 1;
@@ -1035,6 +1037,7 @@ static void test_bad_ties(void)
     slave_count = plane_nodes(&mesh, split, mesh.node_count, 0, 0.1, slaves);
     memset(&report, 3, sizeof report);
     kept = report.tied_count;
+    check_bad_numbers();
     CHECK_RESULT(sb_body_tie_faces(NULL, faces, face_count, 4, slaves, slave_count, -1, 0, &report, &error),
                  SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_tie_faces(body, NULL, face_count, 4, slaves, slave_count, -1, 0, &report, &error),

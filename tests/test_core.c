@@ -59,6 +59,7 @@ static void test_version(void)
 static void test_scalar(void)
 {
     volatile sb_real one = (sb_real)1, next = one + SB_EPSILON, same = one + SB_EPSILON / (sb_real)4;
+    check_bad_numbers();
     volatile sb_real largest = SB_REAL_MAX, beyond = largest * (sb_real)2;
     CHECK_INT(sizeof(sb_real), SB_REAL_IS_FLOAT ? sizeof(float) : sizeof(double));
     CHECK(next > one);

@@ -818,6 +818,7 @@ static void test_refusals(void)
     CHECK_RESULT(reg_cpd_fit(source.at, 20, target.at, 20, NULL, &fit, &error), SB_ERROR_NOT_FINITE);
     CHECK_INT(error.node, 7);
     target.at[7].y = 0;
+    check_bad_numbers();
     for (int i = 0; i < 22; i++) {
         reg_cpd_options o = reg_default_cpd_options();
         switch (i) {

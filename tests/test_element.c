@@ -564,6 +564,7 @@ static void test_table_numbers(void)
     element_refused(&table, SB_ERROR_ARGUMENT, "stiffness weight 3 is -0.16");
     weights[3] = (sb_real)0.2;
     element_refused(&table, SB_ERROR_ARGUMENT, "the stiffness weights sum to 1.03");
+    check_bad_numbers();
     weights[3] = zero / zero;
     element_refused(&table, SB_ERROR_NOT_FINITE, "stiffness point 3 is not finite");
     weights[3] = WEDGE_A, points[5][1] = 1 / zero;

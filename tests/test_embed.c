@@ -787,6 +787,7 @@ static sb_error embed_check_refused(const sb_embedding_def *def, sb_result resul
 
 static void test_bad_points(void)
 {
+    check_bad_numbers();
     sb_mesh mesh = embed_block(SB_TET4, 1);
     sb_vec3 points[3];
     sb_embedding_def def = sb_default_embedding_def();
@@ -891,6 +892,7 @@ static void test_bad_calls(void)
 /* Positions collapsed to a point, or not finite, give no crash; the next frame is as if they had never been. */
 static void test_degenerate_frames(void)
 {
+    check_bad_numbers();
     embed_case c = embed_make_case(SB_TET10, SB_EMBED_SMOOTH);
     sb_vec3 first[EMBED_CASE_POINTS], out[EMBED_CASE_POINTS];
     sb_vec3 *flat = (sb_vec3 *)calloc((size_t)c.mesh.node_count, sizeof(sb_vec3));

@@ -205,6 +205,7 @@ static void free_patient(patient *p)
 
 static void test_tissue(void)
 {
+    check_bad_numbers();
     patient p;
     if (make_patient(&p)) {
         counts sum = forge(&p.as_tissue, 256, 7);
@@ -216,6 +217,7 @@ static void test_tissue(void)
 
 static void test_remesh(void)
 {
+    check_bad_numbers();
     patient p;
     if (make_patient(&p)) {
         counts sum = forge(&p.as_remesh, p.as_remesh.size, 1);
@@ -276,6 +278,7 @@ static void live_rod(void *user)
 
 static void test_rod(void)
 {
+    check_bad_numbers();
     sb_vec3 nodes[6];
     ndl_rod_def def = ndl_default_rod_def();
     ndl_rod *rod = NULL;
@@ -383,6 +386,7 @@ static void forge_body(sb_integrator integrator)
 
 static void test_body(void)
 {
+    check_bad_numbers();
     forge_body(SB_NEWMARK);
     forge_body(SB_GENERALISED_ALPHA);
 }

@@ -1234,6 +1234,7 @@ static void test_errors(void)
     def.void_stiffness = 1;
     CHECK_RESULT(refused(&def, "def.void_stiffness 1"), SB_ERROR_ARGUMENT);
     def.void_stiffness = (sb_real)NAN;
+    check_bad_numbers();
     CHECK_RESULT(refused(&def, "def.void_stiffness"), SB_ERROR_ARGUMENT);
     def = good;
     def.least_share = -1;

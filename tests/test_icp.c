@@ -384,6 +384,7 @@ static void test_turned_normals(void)
 static void test_bad_input(void)
 {
     sb_vec3 points[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, far[4];
+    check_bad_numbers();
     sb_real weights[4] = {0, 0, 0, 0}, infinite = SB_REAL_MAX * 2;
     reg_icp_landmark landmark = {{0, 0, 0}, {0, 0, 0}, 0};
     reg_icp_options options = reg_default_icp_options();

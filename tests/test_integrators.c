@@ -685,6 +685,7 @@ static unsigned long long play_with_failure(sb_integrator integrator, int corota
 
 static void test_undo(void)
 {
+    check_bad_numbers();
     sb_jobs jobs;
     memset(&jobs, 0, sizeof jobs);
     for (int k = SB_EULER; k <= SB_CENTRAL_DIFFERENCE; k++)
@@ -745,6 +746,7 @@ static void test_refusals(void)
     sb_real dt = -7;
     def.mesh = &mesh;
     def.material = sb_material_neo_hookean(REAL(1e4), REAL(0.3), REAL(1000));
+    check_bad_numbers();
     for (int k = 0; k < 3; k++) {
         bad = def;
         bad.spectral_radius = k == 0 ? REAL(-0.01) : k == 1 ? REAL(1.01) : REAL(NAN);

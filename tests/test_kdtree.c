@@ -142,6 +142,7 @@ static void test_scale(void)
 static void test_bad_input(void)
 {
     sb_vec3 points[3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, bad;
+    check_bad_numbers();
     sb_real infinite = SB_REAL_MAX * 2, squared = 7;
     reg_kdtree *tree = NULL;
     int indices[3] = {-9, -9, -9};

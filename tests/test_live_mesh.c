@@ -791,7 +791,7 @@ static void test_refused(void)
     CHECK_INT(error.node, 100000);
     CHECK_RESULT(sb_body_change_remove_cell(change, 100000, &error), SB_ERROR_INDEX);
     CHECK_INT(error.element, 100000);
-    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], sb_v3(0, 0, REAL(NAN)), &error), SB_ERROR_NOT_FINITE);
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], sb_v3(0, 0, REAL(NAN)), NULL, NULL, 0, &error), SB_ERROR_NOT_FINITE);
     /* inside out */
     memcpy(bad, nodes, sizeof bad);
     bad[0] = nodes[1], bad[1] = nodes[0];
@@ -828,7 +828,7 @@ static void test_refused(void)
     sb_body_change_cancel(change);
     /* a node moved through its opposite face */
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
-    CHECK_OK(sb_body_change_move_node(change, nodes[0], sb_v3(1, 1, 1), &error));
+    CHECK_OK(sb_body_change_move_node(change, nodes[0], sb_v3(1, 1, 1), NULL, NULL, 0, &error));
     CHECK_RESULT(sb_body_change_commit(change, &error), SB_ERROR_MESH);
     sb_body_change_cancel(change);
     CHECK(sb_body_state_hash(s.body) == hash);
@@ -1000,6 +1000,213 @@ static void test_growth(void)
     sb_mesh_free(&mesh);
 }
 
+/* ---- a node slides through the material ---- */
+
+/* Slides a free node towards a random point of one of its cells, with the place's weights in that cell as sources. */
+static sb_result slide(sb_body *body, unsigned long long *seed, int *node, sb_error *error)
+{
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    sb_body_change *change;
+    sb_real weights[4], sum = 0;
+    sb_vec3 x = {0, 0, 0};
+    sb_result result = sb_body_change_begin(body, &change, error);
+    int cell, nodes[4], corner;
+    if (result != SB_OK)
+        return result;
+    do {
+        cell = pick_cell(body, seed);
+        corner = (int)(check_random(seed) * 4);
+    } while (sb_body_supports(body)[nodes_of(body, cell)[corner]]);
+    memcpy(nodes, nodes_of(body, cell), sizeof nodes);
+    for (int a = 0; a < 4; a++)
+        sum += weights[a] = a == corner ? 4 : REAL(check_random(seed));
+    for (int a = 0; a < 4; a++)
+        x = sb_v3_madd(x, weights[a] /= sum, X[nodes[a]]);
+    *node = nodes[corner];
+    result = sb_body_change_move_node(change, *node, x, nodes, weights, 4, error);
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, error);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+static sb_vec3 affine(sb_vec3 x, sb_real k)
+{
+    return sb_v3(k + REAL(0.1) * x.y, REAL(0.05) * k * x.x - REAL(0.02) * x.z, REAL(0.03) * x.x + k * REAL(0.2) * x.z);
+}
+
+/* A field that is affine in the material stays what it is, wherever nodes slide. */
+static void test_slide(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
+    sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_NEWMARK);
+    sb_body *body = scene_body(&def);
+    int n = mesh.node_count, node, slid = 0;
+    unsigned long long seed = 41;
+    sb_vec3 *u = (sb_vec3 *)calloc((size_t)n, sizeof *u), *v = (sb_vec3 *)calloc((size_t)n, sizeof *v);
+    for (int i = 0; i < n; i++)
+        u[i] = affine(mesh.nodes[i], REAL(0.01)), v[i] = affine(mesh.nodes[i], 1);
+    CHECK_OK(sb_body_set_displacements(body, u));
+    CHECK_OK(sb_body_set_velocities(body, v));
+    for (int k = 0; k < 60; k++) {
+        sb_error error;
+        sums before = sums_of(body, 1000), after;
+        sb_result result = slide(body, &seed, &node, &error);
+        CHECK(result == SB_OK || result == SB_ERROR_MESH); /* a corner node may press a neighbour flat */
+        after = sums_of(body, 1000);
+        slid += result == SB_OK;
+        CHECK_OK(sb_body_live_check(body, &error));
+        if (fabs(after.mass - before.mass) <= scene_tolerance(1e-13, 1e4) * before.mass)
+            CHECK(worst_of(&before, &after) < scene_tolerance(1e-12, 1e4));
+    }
+    CHECK(slid > 30);
+    for (int i = 0; i < n; i++) {
+        sb_vec3 x = sb_body_rest_positions(body)[i], off = sb_v3_sub(sb_body_displacements(body)[i], affine(x, REAL(0.01)));
+        CHECK(sb_v3_norm(off) < REAL(scene_tolerance(1e-14, 1)));
+    }
+    free(u);
+    free(v);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+/* Motion that no mesh carries exactly: momentum is kept while the shape is, and a moved node has its sources' motion. */
+static void test_slide_momentum(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    sb_body_def def = live_def(&mesh, sb_material_neo_hookean(5000, REAL(0.4), 1000), SB_NEWMARK);
+    sb_body *body = scene_body(&def);
+    unsigned long long seed = 43;
+    int inside = 0, node;
+    sb_error error;
+    scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+    set_in_motion(body);
+    for (int k = 0; k < 80; k++) {
+        sums before = sums_of(body, 1000), after;
+        sb_result result = slide(body, &seed, &node, &error);
+        after = sums_of(body, 1000);
+        CHECK(result == SB_OK || result == SB_ERROR_MESH);
+        if (fabs(after.mass - before.mass) <= scene_tolerance(1e-13, 1e4) * before.mass) {
+            CHECK(worst_of(&before, &after) < scene_tolerance(1e-12, 1e4));
+            inside += result == SB_OK;
+        }
+        if (k % 8 == 0)
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+    }
+    CHECK(inside > 3);
+    CHECK(all_finite(body));
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+/* Along axes that a moved node alone is supported along it keeps its motion; where its sources are, too, targets mix. */
+static void test_slide_supports(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0);
+    sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+    sb_body *body = scene_body(&def);
+    const sb_real half[2] = {REAL(0.25), REAL(0.75)};
+    sb_vec3 targets[2] = {{REAL(0.001), 0, 0}, {REAL(0.002), 0, 0}}, x;
+    sb_body_change *change;
+    sb_error error;
+    int pair[2];
+    memcpy(pair, mesh.elements, sizeof pair);
+    CHECK_OK(sb_body_prescribe(body, pair, 2, SB_X, targets, 0));
+    CHECK_OK(sb_body_fix_nodes(body, pair, 1, SB_Y));
+    for (int i = 0; i < 3; i++)
+        CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
+    {
+        sb_vec3 u[2];
+        u[0] = sb_body_displacements(body)[pair[0]], u[1] = sb_body_displacements(body)[pair[1]];
+        CHECK_OK(sb_body_change_begin(body, &change, &error));
+        x = sb_v3_add(sb_v3_scale(half[0], mesh.nodes[pair[1]]), sb_v3_scale(half[1], mesh.nodes[pair[0]]));
+        CHECK_OK(sb_body_change_move_node(change, pair[0], x, pair, half, 2, &error)); /* replaced by the next line */
+        x = sb_v3_add(sb_v3_scale(half[0], mesh.nodes[pair[0]]), sb_v3_scale(half[1], mesh.nodes[pair[1]]));
+        x = sb_v3_add(sb_v3_scale(REAL(0.9), mesh.nodes[pair[0]]), sb_v3_scale(REAL(0.1), x));
+        CHECK_OK(sb_body_change_move_node(change, pair[0], x, pair, half, 2, &error));
+        CHECK_OK(sb_body_change_commit(change, &error));
+        CHECK_NEAR(sb_body_displacements(body)[pair[0]].x, 0.00175, 1e-9);
+        CHECK(sb_body_displacements(body)[pair[0]].y == u[0].y && u[0].y == 0);
+        CHECK_NEAR(sb_body_displacements(body)[pair[0]].z, (double)(half[0] * u[0].z + half[1] * u[1].z), 1e-9);
+        CHECK_INT(sb_body_supports(body)[pair[0]], SB_X | SB_Y);
+    }
+    CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
+    CHECK_NEAR(sb_body_displacements(body)[pair[0]].x, 0.00175, 1e-9); /* the target, too */
+    CHECK(sb_body_displacements(body)[pair[0]].y == 0);
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+/* What cannot be, sources that the change makes, and a recording of slides. */
+static void test_slide_calls(void)
+{
+    scene s = make_scene(NULL, NULL), twin = make_scene(NULL, NULL);
+    const sb_vec3 *X = sb_body_rest_positions(s.body);
+    sb_real half[2] = {REAL(0.5), REAL(0.5)}, bad[2] = {REAL(0.5), REAL(0.4)};
+    unsigned long long seed = 47;
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    sb_body_change *change;
+    int nodes[4], wrong[2], node, done = 0;
+    sb_error error;
+    memcpy(nodes, s.mesh.elements + 80, sizeof nodes);
+    CHECK_OK(sb_body_change_begin(s.body, &change, &error));
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], X[nodes[0]], nodes, bad, 2, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], X[nodes[0]], nodes, bad, -1, &error), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], X[nodes[0]], NULL, half, 2, &error), SB_ERROR_ARGUMENT);
+    wrong[0] = nodes[0], wrong[1] = 100000;
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], X[nodes[0]], wrong, half, 2, &error), SB_ERROR_INDEX);
+    CHECK_INT(error.node, 100000);
+    bad[1] = REAL(NAN);
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], X[nodes[0]], nodes, bad, 2, &error), SB_ERROR_NOT_FINITE);
+    sb_body_change_cancel(change);
+    CHECK(sb_body_state_hash(s.body) == sb_body_state_hash(twin.body));
+    CHECK_OK(sb_recording_start(s.body, 3, NULL, &recording, &error));
+    { /* a made node slides, and is a source */
+        sb_vec3 ends[2], x;
+        op o;
+        CHECK_OK(split_edge(s.body, nodes[0], nodes[1], &o, &error));
+        X = sb_body_rest_positions(s.body);
+        ends[0] = sb_body_displacements(s.body)[nodes[0]], ends[1] = sb_body_displacements(s.body)[nodes[1]];
+        CHECK_OK(undo(s.body, &o, &error));
+        CHECK_OK(sb_body_change_begin(s.body, &change, &error));
+        x = sb_v3_scale(REAL(0.5), sb_v3_add(X[nodes[0]], X[nodes[1]]));
+        CHECK_OK(sb_body_change_add_node(change, x, nodes, half, 2, 0, &node, &error));
+        half[0] = REAL(0.4), half[1] = REAL(0.6);
+        x = sb_v3_add(sb_v3_scale(half[0], X[nodes[0]]), sb_v3_scale(half[1], X[nodes[1]]));
+        CHECK_OK(sb_body_change_move_node(change, node, x, nodes, half, 2, &error));
+        for (int i = 0; i < o.cells; i++)
+            for (int k = 0; k < 2; k++) {
+                sb_change_cell cell = sb_default_change_cell();
+                int corners[4];
+                for (int a = 0; a < 4; a++)
+                    corners[a] = o.nodes[i][a] == nodes[k] ? node : o.nodes[i][a];
+                cell.nodes = corners;
+                cell.parent = o.cell[i];
+                CHECK_OK(k == 0 ? sb_body_change_replace_cell(change, o.cell[i], &cell, &error)
+                                : sb_body_change_add_cell(change, &cell, NULL, &error));
+            }
+        CHECK_OK(sb_body_change_commit(change, &error));
+        CHECK(sb_v3_norm(sb_v3_sub(sb_body_displacements(s.body)[node], sb_v3_add(sb_v3_scale(half[0], ends[0]),
+                                                                                  sb_v3_scale(half[1], ends[1])))) <
+              REAL(scene_tolerance(1e-15, 1)));
+    }
+    for (int i = 0; i < 12; i++) {
+        done += slide(s.body, &seed, &node, &error) == SB_OK;
+        CHECK_OK(sb_body_step(s.body, REAL(0.005), NULL));
+    }
+    CHECK(done > 4);
+    sb_recording_stop(recording);
+    if (!CHECK_OK(sb_recording_replay(recording, twin.body, &report)))
+        printf("%s\n", report.error.message);
+    CHECK_INT(report.steps, 12);
+    CHECK(sb_body_state_hash(twin.body) == sb_body_state_hash(s.body));
+    sb_recording_destroy(recording);
+    free_scene(&s);
+    free_scene(&twin);
+}
+
 CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse order gives back all bits", test_inverse},
             {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
             {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
@@ -1007,4 +1214,6 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse or
             {"listeners", test_listeners}, {"bad changes are refused by name", test_refused},
             {"every allocation fails", test_memory_failures}, {"threads", test_threads},
             {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
-            {"beyond the slack", test_growth});
+            {"beyond the slack", test_growth},
+            {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
+            {"supports of slides", test_slide_supports}, {"calls and recordings of slides", test_slide_calls});

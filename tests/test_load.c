@@ -1043,6 +1043,7 @@ static void test_memory_failures(void)
 /* A step and a static solve that fail leave no trace: state, readings, what comes after. */
 static void test_undo(void)
 {
+    check_bad_numbers();
     for (int t = 0; t < ELEMENT_TYPES; t++)
         for (int kind = 0; kind < 2; kind++) {
             sb_mesh mesh = scene_box(element_types[t], 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0);

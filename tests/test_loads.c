@@ -323,6 +323,7 @@ static void refuse(const reg_loads_def *def, sb_result expected)
 static void test_refusals(void)
 {
     slab made;
+    check_bad_numbers();
     if (make_slab(&made, SB_TET4, 0.2)) {
         reg_match *match = matched(&made, NULL), *laplace = NULL;
         reg_match_def grid = reg_default_match_def();

@@ -567,6 +567,64 @@ static void test_collapse(void)
     free_block(&made);
 }
 
+/* A match made before a change refuses to go on; one made after it moves the body as one that was made with that mesh. */
+static void test_changed_mesh(void)
+{
+    block made;
+    sb_vec3 *first, place = sb_v3(7, 7, 7);
+    sb_mesh mesh;
+    sb_body *changed;
+    if (make_block(&made, SB_TET4, soft(), 1, no_jobs())) {
+        reg_match_def def;
+        reg_loads_def loads = reg_default_loads_def();
+        reg_match_info info;
+        reg_loads_info loads_info;
+        reg_match *match;
+        sb_body_destroy(made.body);
+        made.body = scene_changing_body(&made.mesh, soft());
+        def = def_of(&made);
+        def.landmarks = made.mesh.nodes + made.inner;
+        def.landmark_targets = made.mesh.nodes + made.inner;
+        def.landmark_count = 1;
+        match = make_match(&def);
+        CHECK_OK(reg_match_step(match, NULL));
+        scene_remove_cells(made.body);
+        CHECK_RESULT(reg_match_step(match, &info), SB_ERROR_STATE);
+        CHECK(info.stop == REG_MATCH_FAILED && info.error.message[0]);
+        loads.match = match;
+        CHECK_RESULT(reg_loads_run(&loads, NULL, &loads_info), SB_ERROR_STATE);
+        CHECK(loads_info.error.message[0]);
+        reg_match_landmarks(match, &place);
+        CHECK(place.x == 7);
+        reg_match_destroy(match);
+
+        def.landmark_count = 0;
+        (void)run_error(&made, &def, &info);
+        CHECK(info.stop == REG_MATCH_SETTLED);
+        first = (sb_vec3 *)malloc((size_t)made.mesh.node_count * sizeof *first);
+        memcpy(first, sb_body_displacements(made.body), (size_t)made.mesh.node_count * sizeof *first);
+        if (CHECK_OK(sb_body_get_mesh(made.body, NULL, &mesh, NULL, NULL, NULL))) {
+            double apart = 0, way = 0;
+            changed = made.body;
+            CHECK_INT(mesh.node_count, made.mesh.node_count);
+            CHECK(mesh.element_count < made.mesh.element_count);
+            sb_mesh_free(&made.mesh);
+            made.mesh = mesh;
+            made.body = scene_changing_body(&made.mesh, soft());
+            def.body = made.body;
+            (void)run_error(&made, &def, &info);
+            for (int i = 0; i < mesh.node_count; i++) {
+                apart += (double)sb_v3_norm(sb_v3_sub(first[i], sb_body_displacements(made.body)[i]));
+                way += (double)sb_v3_norm(first[i]);
+            }
+            CHECK(apart < 1e-4 * way);
+            sb_body_destroy(changed);
+        }
+        free(first);
+    }
+    free_block(&made);
+}
+
 static void refuse(const reg_match_def *def, sb_result expected)
 {
     reg_match *match = NULL;
@@ -762,6 +820,7 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"supports that move", test_supports}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"threads", test_threads}, {"samples", test_samples}, {"loaded bodies", test_loaded},
             {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
+            {"a mesh that changed", test_changed_mesh},
             {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
             {"livers, partial surfaces", test_partial_livers});

@@ -679,6 +679,7 @@ static void test_refused_parameters(void)
     check_refused(&m, SB_ERROR_MATERIAL, "ratio 0.6");
     m = sb_material_svk(1000, (sb_real)-1.5, 1000);
     check_refused(&m, SB_ERROR_MATERIAL, "ratio -1.5");
+    check_bad_numbers();
     m = sb_material_svk(1000, (sb_real)0.5, 1000);
     check_refused(&m, SB_ERROR_NOT_FINITE, "lambda (Pa) is inf");
     m = sb_material_svk(-1000, (sb_real)0.3, 1000);
@@ -705,6 +706,7 @@ static void test_refused_isochoric(void)
     check_refused(&m, SB_ERROR_MATERIAL, "c10 is -3");
     m = sb_material_neo_hookean_isochoric(300, (sb_real)-1e-3, 1000);
     check_refused(&m, SB_ERROR_MATERIAL, "d1 is -0.001");
+    check_bad_numbers();
     m = sb_material_neo_hookean_isochoric(300, 0, 1000);
     check_refused(&m, SB_ERROR_NOT_FINITE, "lambda (Pa) is inf");
     m = sb_material_neo_hookean_isochoric(300, (sb_real)1e-3, 1000);
@@ -742,6 +744,7 @@ static void test_refused_fibres(void)
     check_refused(&m, SB_ERROR_MATERIAL, "k1 -1 Pa");
     m = sb_material_with_fibres(svk, 1, -2);
     check_refused(&m, SB_ERROR_MATERIAL, "k2 -2");
+    check_bad_numbers();
     m = sb_material_with_fibres(svk, 1, SB_REAL_MAX * 2);
     check_refused(&m, SB_ERROR_NOT_FINITE, "k2 inf");
     m = sb_material_with_fibres(svk, 100, 0);
@@ -776,6 +779,7 @@ static void test_refused_prony(void)
     tau[1] = 0;
     m = sb_material_with_prony(svk, g, tau, 2);
     check_refused(&m, SB_ERROR_MATERIAL, "term 1 has tau 0 s");
+    check_bad_numbers();
     tau[1] = SB_REAL_MAX * 2;
     m = sb_material_with_prony(svk, g, tau, 2);
     check_refused(&m, SB_ERROR_NOT_FINITE, "term 1 has g 0.1 and tau inf");
@@ -895,6 +899,7 @@ static void test_fibre_refused(void)
     check_fibre_refused(NULL, &f, x);
     check_fibre_refused(&m, NULL, x);
     check_fibre_refused(&m, &f, sb_v3(0, 0, 0));
+    check_bad_numbers();
     bad.y = SB_REAL_MAX * 2;
     check_fibre_refused(&m, &f, bad);
     f.m[2][1] = bad.y;
@@ -944,6 +949,7 @@ static void test_relaxation_function(void)
         CHECK_NEAR(sb_material_relaxation(&elastic, (sb_real)times[c]), 1, 0);
     }
     CHECK_NEAR(sb_material_relaxation(&m, -1), 1, 0);
+    check_bad_numbers();
     CHECK_NEAR(sb_material_relaxation(&m, SB_REAL_MAX * 2), 0.4, tolerance(1e-14, 10));
 }
 
@@ -1045,6 +1051,7 @@ static void test_relaxing_fibres(void)
     CHECK(sb_material_stress(&elastic, &f, NULL, &p));
     p = sb_m3_add(p, fibres);
     CHECK_NEAR(difference(flat(&p), flat(&both), 9) / largest_of(flat(&p), 9), 0, tolerance(1e-13, 50));
+    check_bad_numbers();
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, &direction, &both));
     memset(&history, 0, sizeof history);
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, NULL, &matrix));
@@ -1078,6 +1085,7 @@ static void test_history_refused(void)
     check_history_refused(NULL, &f, 1);
     check_history_refused(&m, NULL, 1);
     check_history_refused(&m, &f, -1);
+    check_bad_numbers();
     check_history_refused(&m, &f, sqrt(-1.0));
     check_history_refused(&m, &inverted, 1);
     check_history_refused(&m, &flat_one, 1);
@@ -1154,6 +1162,7 @@ static void test_refused_input(void)
     sb_mat3 f = sb_m3_identity(), p;
     sb_material m = material_of(SB_SVK);
     sb_real value = 7, A[81];
+    check_bad_numbers();
     for (int model = 1; model <= MODEL_COUNT; model++) {
         sb_mat3 bad = sb_m3_identity();
         sb_material each = material_of(model);
@@ -1207,6 +1216,7 @@ static void test_extreme_deformations(void)
 {
     unsigned long long seed = 21;
     int given = 0;
+    check_bad_numbers();
     for (int sample = 0; sample < 2000; sample++) {
         int model = 1 + sample % MODEL_COUNT;
         sb_material m = material_of(model);

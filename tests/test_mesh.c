@@ -177,6 +177,7 @@ static void test_validate_nodes_and_indices(void)
     CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
     CHECK_INT(error.element, 7);
     CHECK(strstr(error.message, "twice: 7") != NULL);
+    check_bad_numbers();
     mesh.nodes[3].y = zero / zero;
     CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_NOT_FINITE);
     CHECK_INT(error.node, 3);
@@ -345,6 +346,7 @@ static void test_report_lists_every_bad_element(void)
     for (int a = 0; a < 4; a++)
         mesh_nodes_of(&mesh, 12)[a] = a; /* four nodes in a row */
     memcpy(mesh_nodes_of(&mesh, 20), mesh_nodes_of(&mesh, 15), 4 * sizeof(int));
+    check_bad_numbers();
     for (int e = 0; e < mesh.element_count; e++) /* nobody but element 4 uses the node that is not finite */
         for (int a = 0; a < 4; a++)
             if (mesh_nodes_of(&mesh, e)[a] == mesh.node_count - 1)
@@ -837,6 +839,7 @@ static void test_merge_tolerance(void)
     CHECK_INT(merged, 0);
     CHECK_OK(sb_mesh_merge_nodes(&split, MREAL(1.5e-4), &merged, NULL));
     CHECK_INT(merged, nodes - mesh.node_count);
+    check_bad_numbers();
     CHECK_RESULT(sb_mesh_merge_nodes(&split, zero / zero, &merged, NULL), SB_ERROR_ARGUMENT);
     CHECK_INT(merged, nodes - mesh.node_count);
     CHECK_OK(sb_mesh_merge_nodes(&split, 10, &merged, NULL)); /* larger than the mesh: one node is left */
@@ -876,6 +879,7 @@ static void test_scale(void)
     CHECK_NEAR(sb_mesh_volume(&mesh), 2.4e4, 2.4e4 * mesh_eps(64));
     CHECK_RESULT(sb_mesh_scale(&mesh, 0, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_scale(&mesh, -1, NULL), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     CHECK_RESULT(sb_mesh_scale(&mesh, zero / zero, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_scale(&mesh, SB_REAL_MAX, NULL), SB_ERROR_NOT_FINITE);
     CHECK_NEAR(sb_mesh_volume(&mesh), 2.4e4, 2.4e4 * mesh_eps(64));
@@ -1402,6 +1406,7 @@ static sb_mesh mesh_random(unsigned long long *seed)
 static void test_hostile(void)
 {
     unsigned long long seed = 12345;
+    check_bad_numbers();
     for (int round = 0; round < 400; round++) {
         sb_mesh mesh = mesh_random(&seed), keep = mesh_none(), made = mesh_none();
         sb_error error;

@@ -244,6 +244,7 @@ static void test_arguments(void)
     sb_mesh mesh = meshgen_none();
     sb_error error;
     volatile sb_real zero = 0;
+    check_bad_numbers();
     sb_real nan = zero / zero, infinite = 1 / zero;
     CHECK_RESULT(sb_mesh_beam(SB_TRI3, 1, 1, 1, unit, NULL, &mesh, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_beam(SB_NO_ELEMENT, 1, 1, 1, unit, NULL, &mesh, &error), SB_ERROR_ARGUMENT);

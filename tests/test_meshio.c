@@ -873,6 +873,7 @@ static void test_numbers_refused(void)
         "e5",  "--1",       "1-1",    "\x01"};
     sb_mesh mesh;
     sb_error error;
+    check_bad_numbers();
     for (size_t i = 1; i < sizeof texts / sizeof texts[0]; i++)
         if (!CHECK(!(read_number(texts[i]) - 1 < 1e308)))
             printf("  '%s' was taken for a number\n", texts[i]);
@@ -1174,6 +1175,7 @@ static void test_arguments(void)
                  SB_ERROR_ARGUMENT);
 #endif
     CHECK_RESULT(sb_mesh_load_memory(&mesh, NULL, 0, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_FORMAT);
+    check_bad_numbers();
     for (int i = 0; i < 4; i++) {
         static const sb_real scales[4] = {0, -1, (sb_real)NAN, (sb_real)INFINITY};
         options.scale = scales[i];
@@ -2052,6 +2054,7 @@ static void test_mutations(void)
     enum { ROUNDS = 2500 };
     unsigned long long state = 20240601;
     int loads = 0, reads = 0;
+    check_bad_numbers();
     for (int i = 0; i < SEED_COUNT * ROUNDS; i++) {
         bytes b = {NULL, 0, 0, 0};
         sb_mesh mesh, before;

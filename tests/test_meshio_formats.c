@@ -1567,6 +1567,7 @@ static void check_mutant(const file *f, int fix)
 
 static void test_mutations(void)
 {
+    check_bad_numbers();
     const int rounds = check_quick() ? 200 : 1200;
     unsigned long long state = 20260724;
     for (int i = 0; i < FILES; i++) {

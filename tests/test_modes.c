@@ -600,6 +600,7 @@ static void test_refusals(void)
     CHECK_RESULT(sb_body_modes(body, 1, NULL, NULL, NULL, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_modes(body, 0, NULL, f, NULL, NULL, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_modes(body, freedom + 1, NULL, f, NULL, NULL, &error), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     for (int k = 0; k < 6; k++) {
         bad = options;
         if (k == 0)

@@ -1038,6 +1038,7 @@ static void refuse(const problem *p, const sb_preconditioner_def *def, sb_result
 
 static void test_refusals(void)
 {
+    check_bad_numbers();
     problem p = problem_make(scene_box(SB_TET4, 2, 1, 1, sb_v3(2, 1, 1), 0), 1);
     int n = p.mesh.node_count, start[16], nodes[16];
     sb_real weights[16];
@@ -1132,6 +1133,7 @@ static void test_memory(void)
  * the next good matrix is solved as if nothing had been. */
 static void test_jumps_broken(void)
 {
+    check_bad_numbers();
     problem p = problem_beam(5, 0.1);
     int n = 3 * p.mesh.node_count, before, q;
     sb_pcg_options options = sb_default_pcg_options();

@@ -715,6 +715,7 @@ static void test_bad_definitions(void)
         return;
     CHECK_RESULT(ndl_needle_create(NULL, &needle, &s.error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_needle_create(&s.needle_def, NULL, &s.error), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         ndl_needle_def def = s.needle_def;
         int failures = check.failures;
@@ -740,6 +741,7 @@ static void test_bad_definitions(void)
 static void test_bad_commands(void)
 {
     needle_scene s = needle_scene_default(), other = s;
+    check_bad_numbers();
     if (needle_scene_make(&s) && needle_scene_add(&s, sb_v3(REAL(-0.012), 0, 0)) && needle_scene_make(&other) &&
         needle_scene_run(&s, dt, 20, needle_command(speed, 0))) {
         unsigned long long before = needle_scene_bits(&s);

@@ -763,6 +763,52 @@ static void test_sources(void)
     free_block(&made);
 }
 
+/* A registration made before a change refuses to go on; one made after it moves the body as one that was made with that
+ * mesh. */
+static void test_changed_mesh(void)
+{
+    block made;
+    if (make_block(&made, SB_TET4, soft(), 1, no_jobs())) {
+        reg_nicp_def def;
+        reg_nicp_info info;
+        reg_nicp *nicp;
+        sb_mesh mesh;
+        size_t size = (size_t)made.mesh.node_count * sizeof(sb_vec3);
+        sb_vec3 *first = (sb_vec3 *)malloc(size);
+        sb_body_destroy(made.body);
+        made.body = scene_changing_body(&made.mesh, soft());
+        def = def_of(&made);
+        nicp = make_nicp(&def);
+        CHECK_OK(reg_nicp_step(nicp, NULL));
+        scene_remove_cells(made.body);
+        first[0].x = 7;
+        CHECK_RESULT(reg_nicp_step(nicp, &info), SB_ERROR_STATE);
+        CHECK(info.stop == REG_NICP_FAILED && info.error.message[0]);
+        reg_nicp_positions(nicp, first);
+        CHECK(first[0].x == 7);
+        reg_nicp_destroy(nicp);
+
+        (void)run_error(&made, &def, &info);
+        memcpy(first, sb_body_displacements(made.body), size);
+        if (CHECK_OK(sb_body_get_mesh(made.body, NULL, &mesh, NULL, NULL, NULL)) &&
+            CHECK_INT(mesh.node_count, made.mesh.node_count)) {
+            double apart = 0, way = 0;
+            sb_body_destroy(made.body);
+            sb_mesh_free(&made.mesh);
+            made.mesh = mesh;
+            def.body = made.body = scene_changing_body(&made.mesh, soft());
+            (void)run_error(&made, &def, &info);
+            for (int i = 0; i < mesh.node_count; i++) {
+                apart += (double)sb_v3_norm(sb_v3_sub(first[i], sb_body_displacements(made.body)[i]));
+                way += (double)sb_v3_norm(first[i]);
+            }
+            CHECK(way > 0 && apart < 1e-4 * way);
+        }
+        free(first);
+    }
+    free_block(&made);
+}
+
 static void refuse(const reg_nicp_def *def, sb_result expected)
 {
     reg_nicp *nicp = NULL;
@@ -1079,5 +1125,5 @@ CHECK_SUITE(nicp, {"the formula of partners", test_formula}, {"the schedule of s
             {"a landmark that moves", test_moving_landmark}, {"supports and constraints", test_supports},
             {"the body is borrowed", test_borrowed}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"odd targets", test_odd_targets}, {"threads", test_threads}, {"sources", test_sources},
-            {"refusals", test_refusals}, {"failing allocations", test_memory},
+            {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals}, {"failing allocations", test_memory},
             {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});

@@ -591,6 +591,7 @@ static void test_halves_shift(void)
 
 static void test_indefinite_factor(void)
 {
+    check_bad_numbers();
     sb_matrix a = scalar_matrix(4, 3, 4, kershaw_pairs, kershaw_values);
     sb_preconditioner *p;
     sb_error error;
@@ -1030,6 +1031,7 @@ static void test_not_finite(void)
     size_t bytes = sizeof(sb_real) * (size_t)b.n;
     sb_real *start = (sb_real *)malloc(bytes), *blocks = &b.a.blocks[b.a.diagonal[20]][0], kept = blocks[4];
     sb_pcg_info info;
+    check_bad_numbers();
     for (int i = 0; i < b.n; i++)
         start[i] = (sb_real)(0.001 * (i % 7));
     for (int k = 0; k < 2; k++) {
@@ -1092,6 +1094,7 @@ static void test_bad_arguments(void)
     options.tolerance = -1;
     CHECK_RESULT(sb_pcg_solve(&b.a, NULL, b.rhs, b.x, &options, &w, NULL), SB_ERROR_ARGUMENT);
     options.tolerance = (double)NAN;
+    check_bad_numbers();
     CHECK_RESULT(sb_pcg_solve(&b.a, NULL, b.rhs, b.x, &options, &w, NULL), SB_ERROR_ARGUMENT);
     options.tolerance = 1e-3;
     options.max_iterations = -1;

@@ -296,6 +296,7 @@ static void test_colour_map(void)
     }
     CHECK_NEAR(picture_map(-3).r, picture_map(0).r, 0);
     CHECK_NEAR(picture_map(7).r, picture_map(1).r, 0);
+    check_bad_numbers();
     CHECK_NEAR(picture_map((double)NAN).g, picture_map(0).g, 0);
     for (int byte = 0; byte < 256; byte++)
         CHECK_INT(picture_to_byte(picture_to_linear(byte)), byte);

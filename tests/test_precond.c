@@ -285,6 +285,7 @@ static void test_fsai_one_node(void)
 /* A row's matrix that is not positive definite gets a shift; a negative diagonal is hopeless. */
 static void test_fsai_shift(void)
 {
+    check_bad_numbers();
     const int pair[2] = {0, 1};
     sb_matrix a;
     sb_preconditioner *p;
@@ -723,6 +724,7 @@ static void test_damaged(void)
 {
     const sb_precond_kind kinds[4] = {SB_PRECOND_FSAI, SB_PRECOND_IC0, SB_PRECOND_CHOLESKY, SB_PRECOND_SSOR};
     beam b = beam_make(4, 1, 0.2, 0.1);
+    check_bad_numbers();
     for (int k = 0; k < 4; k++) {
         sb_preconditioner *p = make_updated(&b, kinds[k], 1, 2);
         size_t size = sb_preconditioner_saved_size(p);
@@ -845,6 +847,7 @@ static void test_bad_arguments(void)
         CHECK_RESULT(sb_preconditioner_create(&def, &b.a, NULL, &p, &error), SB_ERROR_ARGUMENT);
     }
     def.power = 1;
+    check_bad_numbers();
     for (int k = 0; k < 3; k++) {
         const sb_real outside[3] = {REAL(-1.01), REAL(0.51), REAL(NAN)};
         def.poisson = outside[k];

@@ -115,6 +115,7 @@ static unsigned char *save_recording(const sb_recording *recording, size_t *size
 
 static void test_replay(void)
 {
+    check_bad_numbers();
     sb_mesh mesh = make_mesh();
     int workers = 3;
     sb_body *body = make_body(&mesh), *unrecorded = make_body(&mesh);
@@ -448,6 +449,7 @@ static void test_lifetime(void)
 /* Every allocation of a recording fails in turn: starting says so; later the body goes on and the recording ends. */
 static void test_memory(void)
 {
+    check_bad_numbers();
     sb_mesh mesh = make_mesh();
     int refused = 0, cut_short = 0;
     for (int fail = 1; fail < 30; fail++) {

@@ -82,7 +82,8 @@ static sb_result act_change(actor *a)
     sb_result result = sb_body_change_begin(a->body, &change, &a->error);
     if (result != SB_OK)
         return result;
-    result = sb_body_change_move_node(change, a->free_nodes[0], sb_v3_add(x, sb_v3(REAL(1e-4), 0, REAL(1e-4))), &a->error);
+    result = sb_body_change_move_node(change, a->free_nodes[0], sb_v3_add(x, sb_v3(REAL(1e-4), 0, REAL(1e-4))), NULL, NULL, 0,
+                                      &a->error);
     if (result == SB_OK)
         result = sb_body_change_commit(change, &a->error);
     if (result != SB_OK)

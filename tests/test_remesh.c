@@ -817,6 +817,7 @@ static void test_arguments(void)
     CHECK_RESULT(ndl_remesh_reserve(s.remesh, 0, 2147483647, NULL), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_remesh_reserve(NULL, 0, 10, NULL), SB_ERROR_ARGUMENT);
     CHECK_OK(ndl_remesh_withdraw(s.remesh, 0, NULL, NULL));
+    check_bad_numbers();
     if (enter_at(&s, 0, 0.5, 0.5, NULL)) {
         sb_real zero = 0;
         CHECK_RESULT(ndl_remesh_penetrate(s.remesh, 0, sb_v3(zero / zero, 0, 0), NULL, NULL), SB_ERROR_NOT_FINITE);

@@ -709,6 +709,7 @@ static void test_undo(void)
 {
     ndl_rod *rods[2];
     ndl_rod_info info;
+    check_bad_numbers();
     for (int b = 0; b < 2; b++) {
         rods[b] = cantilever(10, 0.2, sb_v3(1, 0, 0), 1);
         CHECK_OK(ndl_rod_set_force(rods[b], 11, sb_v3(0, REAL(0.5), 0)));
@@ -798,6 +799,7 @@ static void test_memory(void)
 static void test_bad_defs(void)
 {
     sb_real nan = REAL(NAN), curvature[10] = {0, 0, 0, 0, 1000, 0, 0, 0, 0, 0};
+    check_bad_numbers();
     for (int kind = 0; kind < 22; kind++) {
         sb_vec3 nodes[5];
         ndl_rod_def def = ndl_default_rod_def();
@@ -886,6 +888,7 @@ static void test_bad_calls(void)
     CHECK_RESULT(ndl_rod_split_edge(rod, 0), SB_ERROR_UNSUPPORTED);
     CHECK_RESULT(ndl_rod_feed(rod, bad.y), SB_ERROR_NOT_FINITE);
     CHECK_RESULT(ndl_rod_step(rod, 0, &info), SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     CHECK_RESULT(ndl_rod_step(rod, bad.y, &info), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_rod_step(NULL, 1, NULL), SB_ERROR_ARGUMENT);
     options.cookie = 0;

@@ -445,6 +445,7 @@ static void test_refusals(void)
     CHECK_RESULT(ndl_rod_set_grip(NULL, 0, 1, 1), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_rod_set_grip(rod, -1, 1, 1), SB_ERROR_INDEX);
     CHECK_RESULT(ndl_rod_set_grip(rod, 5, 1, 1), SB_ERROR_INDEX);
+    check_bad_numbers();
     CHECK_RESULT(ndl_rod_set_grip(rod, 1, REAL(1 / nothing), 1), SB_ERROR_NOT_FINITE);
     CHECK_RESULT(ndl_rod_set_grip(rod, 1, 1, REAL(nothing / nothing)), SB_ERROR_NOT_FINITE);
     CHECK_RESULT(ndl_rod_set_grip(rod, 1, -1, 1), SB_ERROR_ARGUMENT);

@@ -360,6 +360,7 @@ static void test_refusals(void)
     CHECK_RESULT(ndl_rod_reparameterise(rod, good, 1, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_rod_reparameterise(rod, good, -3, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(ndl_rod_reparameterise(rod, nodes, 11, &error), SB_ERROR_UNSUPPORTED);
+    check_bad_numbers();
     nodes[3].y = REAL(1 / nothing);
     CHECK_RESULT(ndl_rod_reparameterise(rod, nodes, 8, &error), SB_ERROR_NOT_FINITE);
     CHECK_INT(error.node, 3);

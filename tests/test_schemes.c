@@ -566,6 +566,7 @@ static unsigned long long play_on(kind what, sb_integrator integrator, int fail_
 
 static void test_undo(void)
 {
+    check_bad_numbers();
     for (int what = 0; what < KINDS; what++)
         for (int s = FIRST; s <= LAST; s++)
             CHECK(play_on((kind)what, (sb_integrator)s, 4, no_jobs()) ==

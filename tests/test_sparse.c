@@ -290,6 +290,7 @@ static void test_asymmetry(void)
     a.blocks[sb_matrix_find(&a, 1, 0)][3] = 1;
     CHECK_NEAR(sb_matrix_asymmetry(&a), 0.25, 0);
     a.blocks[a.diagonal[1]][2] = (sb_real)NAN;
+    check_bad_numbers();
     CHECK(isnan((double)sb_matrix_asymmetry(&a)));
     a.fixed[1] = SB_XYZ;
     sb_matrix_clear(&a);

@@ -275,6 +275,7 @@ static void test_static_goes_on(void)
 /* A failing step or static solve leaves the whole state as it was, warm starts and preconditioner included. */
 static void test_failures_leave_no_trace(void)
 {
+    check_bad_numbers();
     for (int i = 0; i < VARIANTS; i++) {
         const variant *v = variants + i;
         sb_mesh mesh = make_mesh(v->type);
@@ -373,6 +374,7 @@ static void test_forged_values(void)
 {
     enum { NUMBER_COUNT = 10 };
     const double most = (double)SB_REAL_MAX;
+    check_bad_numbers();
     struct forged {
         double from, to;
         sb_result expected;
@@ -439,6 +441,7 @@ static void test_forged_values(void)
 /* Any byte changed, with a right checksum: the load is refused without a trace, or the body can go on. */
 static void test_forged_bytes(void)
 {
+    check_bad_numbers();
     for (int i = 0; i < VARIANTS; i += 3) {
         const variant *v = variants + i;
         sb_mesh mesh = make_mesh(v->type);

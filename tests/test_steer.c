@@ -655,6 +655,7 @@ static void test_plan_failures(void)
     } while (0)
     REFUSED(def.cookie = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.curvature = 0, SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     REFUSED(def.curvature = REAL(NAN), SB_ERROR_ARGUMENT);
     REFUSED(def.max_length = -1, SB_ERROR_ARGUMENT);
     REFUSED(def.max_twist = REAL(INFINITY), SB_ERROR_ARGUMENT);
@@ -1055,6 +1056,7 @@ static void test_steer_failures(void)
     REFUSED(def.cookie = 0);
     REFUSED(def.plan.cookie = 0);
     REFUSED(def.reserve = 1);
+    check_bad_numbers();
     REFUSED(def.reserve = REAL(NAN));
     REFUSED(def.learn = -1);
     REFUSED(def.learn = REAL(INFINITY));
@@ -1388,6 +1390,7 @@ static void test_push_failures(void)
     REFUSED(def.cone = 2, SB_ERROR_ARGUMENT);
     REFUSED(def.max_force = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.max_rate = 0, SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     REFUSED(def.tolerance = REAL(NAN), SB_ERROR_ARGUMENT);
     REFUSED(def.proportional = -1, SB_ERROR_ARGUMENT);
     REFUSED(def.integral = REAL(INFINITY), SB_ERROR_ARGUMENT);

@@ -403,6 +403,7 @@ static unsigned long long play_with_failure(int corotated, int fail_at)
 
 static void test_undo_leaves_no_trace(void)
 {
+    check_bad_numbers();
     for (int corotated = 0; corotated < 2; corotated++)
         CHECK(play_with_failure(corotated, 5) == play_with_failure(corotated, 0));
 }

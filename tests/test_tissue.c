@@ -678,6 +678,7 @@ static void test_refusals(void)
     REFUSE((def.fixed_count = 1, def.fixed_nodes = &outside), SB_ERROR_INDEX);
     REFUSE(def.integrator = (ndl_integrator)3, SB_ERROR_ARGUMENT);
     REFUSE(def.damping_mass = -1, SB_ERROR_ARGUMENT);
+    check_bad_numbers();
     REFUSE(def.damping_stiffness = REAL(NAN), SB_ERROR_ARGUMENT);
     REFUSE(def.gravity.y = REAL(INFINITY), SB_ERROR_NOT_FINITE);
     REFUSE(def.slack = -1, SB_ERROR_ARGUMENT);
@@ -723,6 +724,7 @@ static void test_undone(void)
     sb_mesh mesh = small_beam();
     size_t bytes = (size_t)mesh.node_count * sizeof(sb_vec3);
     unsigned long long hash[2] = {0, 1};
+    check_bad_numbers();
     for (int fail = 0; fail < 2; fail++) {
         ndl_tissue_def def = tissue_def(&mesh);
         ndl_tissue *tissue;

@@ -410,6 +410,7 @@ static unsigned long long play(int bbar, sb_integrator integrator, int fail_at, 
 
 static void test_undo(void)
 {
+    check_bad_numbers();
     sb_jobs jobs;
     memset(&jobs, 0, sizeof jobs);
     for (int bbar = 0; bbar < 2; bbar++) {

@@ -117,7 +117,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (sbi_body_load_count(def->match->body) > 0 || sbi_body_has_constraints(def->match->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return SB_OK;
+    return sbi_body_check_version(def->match->body, def->match->mesh_version, error);
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }

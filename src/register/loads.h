@@ -87,7 +87,8 @@ typedef struct reg_loads_info {
  * forces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL
  * info    or NULL
  * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,
- * mappings or constraints), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE,
+ * mappings or constraints), SB_ERROR_STATE (its mesh has changed since the match was made), SB_ERROR_INVERTED (element
+ * named), SB_ERROR_INDEFINITE,
  * SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the
  * body is then as before and forces are untouched. All memory is taken at the beginning and released at the end.
  * Deterministic. */

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "../softbody/body/live_mesh.h"
 #include "../softbody/geometry/embed.h"
 #include "match_private.h"
 
@@ -164,17 +165,17 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
     return result;
 }
 
-/* Charges of the def's surface, or of the body's boundary. */
-static sb_result regi_match_find_sites(const reg_match_def *def, regi_match_sites *sites, sb_error *error)
+/* Charges of the def's surface, or of the boundary of the body's mesh. */
+static sb_result regi_match_find_sites(const sb_mesh *mesh, const reg_match_def *def, regi_match_sites *sites,
+                                       sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     memset(sites, 0, sizeof *sites);
     if (def->surface) {
         result = regi_match_make_sites(def->surface, &def->allocator, sites, error);
     } else {
-        result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+        result = sb_mesh_boundary(mesh, 1, &def->allocator, &boundary, error);
         if (result != SB_OK)
             return result;
         result = regi_match_make_sites(&boundary.surface, &def->allocator, sites, error);
@@ -328,12 +329,16 @@ static sb_result regi_match_make_field(reg_match *match, const reg_match_def *de
 
 static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
+    sb_mesh mesh;
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
+    sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &match->mesh, error);
+    if (result != SB_OK)
+        return result;
+    mesh = match->mesh;
     sb_mesh_bounds(&mesh, &low, &high);
     match->body = def->body;
-    match->mesh = mesh;
+    match->mesh_version = sb_body_mesh_version(def->body);
     match->shape = sb_body_displacements(def->body);
     match->clock = def->clock;
     match->method = def->method;
@@ -398,7 +403,7 @@ static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb
     if (result != SB_OK)
         return result;
     match->partial = def->partial == SB_AUTO ? regi_field_is_open(match->field) : def->partial;
-    result = regi_match_find_sites(def, &sites, error);
+    result = regi_match_find_sites(&match->mesh, def, &sites, error);
     if (result != SB_OK)
         return result;
     match->charge_count = sites.count;
@@ -443,6 +448,7 @@ REG_API void reg_match_destroy(reg_match *match)
     allocator = match->allocator;
     reg_field_destroy(match->field);
     sbi_potential_destroy(match->potential);
+    sb_mesh_free(&match->mesh);
     sbi_free(&allocator, match->memory);
     sbi_free(&allocator, match);
 }
@@ -485,7 +491,7 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
 
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points)
 {
-    if (!match || !points)
+    if (!match || !points || sbi_body_check_version(match->body, match->mesh_version, NULL) != SB_OK)
         return;
     for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++)
         points[match->charges[i].index] = regi_match_point(match, i);

@@ -115,7 +115,8 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
  * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
- * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints. A recording of
+ * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints; SB_ERROR_STATE when its mesh has
+ * changed: make a match of it anew. A recording of
  * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
  * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
  * follows them. */
@@ -129,7 +130,7 @@ REG_API void reg_match_restart(reg_match *match);
 /* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE names none and
  * changes nothing; a settled match runs again. */
 REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targets);
-/* Where the landmarks are now (m): points[landmark_count]. */
+/* Where the landmarks are now (m): points[landmark_count]; untouched when the body's mesh has changed. */
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points);
 
 /* The body's: sb_body_positions and sb_body_displacements are the result. */

@@ -29,7 +29,8 @@ struct reg_match {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
-    sb_mesh mesh;              /* the body's at rest, borrowed */
+    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
+    int mesh_version;          /* of the body's mesh that all of this is about */
     const sb_vec3 *shape;      /* [nodes] displacements at which charges are looked at: the body's, borrowed */
     sbi_potential *potential;  /* rows of charges and landmarks */
     double electric;           /* energy of the last look (J) */

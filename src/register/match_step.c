@@ -243,8 +243,9 @@ static void regi_match_judge(reg_match *match)
 /* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
 static sb_result regi_match_check_shape(reg_match *match)
 {
-    sb_mesh mesh = sbi_body_shape(match->body);
+    sb_mesh mesh = match->mesh;
     double share;
+    mesh.nodes = sbi_body_shape(match->body).nodes;
     share = (double)(sb_mesh_volume(&mesh) / match->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -314,9 +315,10 @@ REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
     begin = regi_match_now(match);
     memset(&match->info.error, 0, sizeof match->info.error);
     match->info.error.element = match->info.error.node = -1;
-    if (sbi_body_has_constraints(match->body))
+    result = sbi_body_check_version(match->body, match->mesh_version, &match->info.error);
+    if (result == SB_OK && sbi_body_has_constraints(match->body))
         result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
-    else
+    if (result == SB_OK)
         result = regi_match_try(match);
     match->info.seconds += regi_match_now(match) - begin;
     if (result != SB_OK)

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "../softbody/body/live_mesh.h"
 #include "../softbody/geometry/embed.h"
 #include "kdtree.h"
 #include "nicp_private.h"
@@ -107,9 +108,10 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+    if (def->grid && (sb_body_mesh_version(def->body) != 0 ||
+                      def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
                       def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid, or has changed since");
     result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
@@ -192,10 +194,9 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
 }
 
 /* Rows of points at rest, through the grid or the elements. */
-static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_vec3 *points, int count,
+static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const sb_vec3 *points, int count,
                                 regi_nicp_rows *rows, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_embedding_rows made;
@@ -203,11 +204,11 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
     if (def->grid)
         return regi_nicp_grid_rows(def, points, count, rows, error);
     memset(&made, 0, sizeof made);
-    embed.mesh = &mesh;
+    embed.mesh = &nicp->mesh;
     embed.points = points;
     embed.point_count = count;
     embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
+    embed.max_distance = (sb_real)0.25 * nicp->size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
     embed.jobs = *sbi_body_jobs(def->body);
     result = sb_embedding_create(&embed, &embedding, error);
@@ -398,18 +399,16 @@ static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, s
 static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def,
                                         sb_error *error)
 {
-    const sb_body *body = def->body;
-    sb_mesh mesh = sbi_body_mesh(body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(surface, &low, &high);
     nicp->size = sb_v3_norm(sb_v3_sub(high, low));
-    nicp->young = sbi_body_young(body);
+    nicp->young = sbi_body_young(nicp->body);
     if (!sb_is_finite(nicp->young) || !(nicp->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
-                      : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
-    nicp->volume = sb_mesh_volume(&mesh);
+                      : sb_mesh_volume(&nicp->mesh) / (sb_real)nicp->mesh.element_count;
+    nicp->volume = sb_mesh_volume(&nicp->mesh);
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
     nicp->reach = def->reach * nicp->size;
@@ -424,6 +423,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
     nicp->allocator = def->allocator;
     nicp->clock = def->clock;
     nicp->body = def->body;
+    nicp->mesh_version = sb_body_mesh_version(def->body);
     nicp->view = def->view;
     nicp->camera = def->camera;
     nicp->blending = def->blending;
@@ -538,11 +538,11 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
     if (result == SB_OK)
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
-        result = def->surface ? regi_nicp_hold(def, nicp->size, surface->nodes, surface->node_count, &nicp->rows, error)
+        result = def->surface ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
                               : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows,
                                                     error);
     if (result == SB_OK && nicp->landmark_count)
-        result = regi_nicp_hold(def, nicp->size, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
+        result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_choose_samples(nicp, def, &samples, error);
@@ -556,13 +556,14 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
-    sb_result result;
+    sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &nicp->mesh, error);
+    if (result != SB_OK)
+        return result;
     regi_nicp_set(nicp, def);
     if (def->surface)
         return regi_nicp_build_on(nicp, def, NULL, error);
-    result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+    result = sb_mesh_boundary(&nicp->mesh, 1, &def->allocator, &boundary, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_build_on(nicp, def, &boundary, error);
@@ -602,6 +603,7 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp)
         (void)sb_body_remove_load(nicp->body, nicp->landmark_load);
     if (nicp->surface_load)
         (void)sb_body_remove_load(nicp->body, nicp->surface_load);
+    sb_mesh_free(&nicp->mesh);
     reg_field_destroy(nicp->field);
     sb_surface_destroy(nicp->skin);
     regi_nicp_free_rows(&allocator, &nicp->rows);
@@ -645,7 +647,7 @@ REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets
 
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points)
 {
-    if (!nicp || !points)
+    if (!nicp || !points || sbi_body_check_version(nicp->body, nicp->mesh_version, NULL) != SB_OK)
         return;
     if (nicp->landmark_count)
         regi_nicp_points(nicp, &nicp->landmark_rows, points);
@@ -667,7 +669,7 @@ REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp ? nicp->v
 
 REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points)
 {
-    if (!nicp || !points)
+    if (!nicp || !points || sbi_body_check_version(nicp->body, nicp->mesh_version, NULL) != SB_OK)
         return;
     regi_nicp_points(nicp, &nicp->rows, points);
 }

@@ -125,7 +125,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number
+ * quarter or more than four times its volume, and what sb_body_solve_static says; SB_ERROR_STATE
+ * when its mesh has changed: make a registration of it anew. Allocates nothing. The same bits for any number
  * of threads. A recording of the body holds the penalties and the balance, and replays without the registration. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
@@ -137,14 +138,15 @@ REG_API void reg_nicp_restart(reg_nicp *nicp);
 /* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE changes nothing;
  * a run that had ended goes on with the last increment. */
 REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets);
-/* Where the landmarks are now (m): points[landmark_count]. */
+/* Where the landmarks are now (m): points[landmark_count]; untouched when the body's mesh has changed. */
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points);
 
 /* The body's: sb_body_positions and sb_body_displacements are the result. */
 REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp);
 REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp);
 /* Where the surface is now: points[reg_nicp_surface_count] (m), the vertices of def.surface, or the boundary's nodes in
- * the order of sb_mesh_boundary. Through the grid's mapping for bodies in grids. */
+ * the order of sb_mesh_boundary; untouched when the body's mesh has changed. Through the grid's mapping for bodies in
+ * grids. */
 REG_API int reg_nicp_surface_count(const reg_nicp *nicp);
 REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points);
 

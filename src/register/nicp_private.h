@@ -49,6 +49,8 @@ struct reg_nicp {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
+    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
+    int mesh_version;          /* of the body's mesh that all of this is about */
     reg_field *field;
     int is_cloud;              /* the target is one */
     sb_real spacing;           /* of the target's points (m) */

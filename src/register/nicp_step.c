@@ -328,8 +328,9 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
 /* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
 static sb_result regi_nicp_check_shape(reg_nicp *nicp)
 {
-    sb_mesh mesh = sbi_body_shape(nicp->body);
+    sb_mesh mesh = nicp->mesh;
     double share;
+    mesh.nodes = sbi_body_shape(nicp->body).nodes;
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -372,9 +373,13 @@ REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info)
     begin = regi_nicp_now(nicp);
     memset(&nicp->info.error, 0, sizeof nicp->info.error);
     nicp->info.error.element = nicp->info.error.node = -1;
-    result = regi_nicp_try(nicp);
+    result = sbi_body_check_version(nicp->body, nicp->mesh_version, &nicp->info.error);
+    if (result == SB_OK)
+        result = regi_nicp_try(nicp);
     nicp->info.seconds += regi_nicp_now(nicp) - begin;
-    if (result != SB_OK)
+    if (result == SB_ERROR_STATE)
+        nicp->info.stop = REG_NICP_FAILED;
+    else if (result != SB_OK)
         nicp->info.stop = nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP
                                                                                               : REG_NICP_FAILED;
     if (info)

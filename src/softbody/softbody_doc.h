@@ -317,7 +317,8 @@
  *
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
- * nothing leaks.
+ * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
+ * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
  *
  * THREADS
  *

@@ -936,11 +936,12 @@ typedef struct sbi_polar_lanes {
     sb_real good[SB_POLAR_LANES], last[SB_POLAR_LANES];
 } sbi_polar_lanes;
 
-/* One step in each moving lane. Lanes never look at each other. Two loops, so that no arithmetic can sink
- * into the selection. */
+/* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
+ * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
 SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                                            sbi_polar_lanes *SB_RESTRICT s)
 {
+    sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
         sb_mat3 a;
@@ -949,7 +950,11 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
         a.m[1][0] = f[3][l], a.m[1][1] = f[4][l], a.m[1][2] = f[5][l];
         a.m[2][0] = f[6][l], a.m[2][1] = f[7][l], a.m[2][2] = f[8][l];
         s->good[l] = sbi_polar_newton(a, q, &u, &s->last[l]) ? (sb_real)1 : (sb_real)0;
-        q = sbi_polar_turn(q, u);
+        turn[0][l] = u.x, turn[1][l] = u.y, turn[2][l] = u.z;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
+        q = sbi_polar_turn(q, sb_v3_scale(s->good[l], sb_v3(turn[0][l], turn[1][l], turn[2][l])));
         s->next[0][l] = q.w, s->next[1][l] = q.x, s->next[2][l] = q.y, s->next[3][l] = q.z;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1016,6 +1021,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
+    int some_hard;
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real n = q[0][l] * q[0][l] + q[1][l] * q[1][l] + q[2][l] * q[2][l] + q[3][l] * q[3][l];
         int unit = (n > (sb_real)0.99) & (n < (sb_real)1.01);
@@ -1031,11 +1037,14 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
     }
     for (int l = 0; l < SB_POLAR_LANES; l++)
         s.hard[l] += s.moving[l];
-    sbi_polar_batch_finish(&s, q, r);
-    if (sbi_polar_any(s.hard))
+    some_hard = sbi_polar_any(s.hard);
+    for (int k = 0; some_hard && k < 4; k++) /* these may have any length, and would overflow on the way to theirs */
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            if (s.hard[l] > 0)
-                sbi_polar_lane(f, s.start, q, r, l);
+            s.q[k][l] = s.hard[l] > 0 ? (sb_real)0.5 : s.q[k][l];
+    sbi_polar_batch_finish(&s, q, r);
+    for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
+        if (s.hard[l] > 0)
+            sbi_polar_lane(f, s.start, q, r, l);
 }
 
 #undef SBI_POLAR_STEPS

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "../base/bytes.h"
+#include "live_mesh.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -28,6 +29,42 @@ SBI_API sb_mesh sbi_body_shape(const sb_body *body)
     return mesh;
 }
 
+/* Cells in use, in the order of their slots. */
+static void sbi_body_copy_cells(const sb_body *body, sb_mesh *mesh)
+{
+    size_t width = (size_t)body->domain.nodes_per_cell;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        if (sb_body_cell_in_use(body, e))
+            memcpy(mesh->elements + (size_t)mesh->element_count++ * width, body->domain.cells + (size_t)e * width,
+                   width * sizeof(int));
+}
+
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+{
+    sb_mesh made = sbi_body_mesh(body);
+    made.allocator = *allocator;
+    made.element_count = 0;
+    made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
+    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count,
+                                     (size_t)body->domain.nodes_per_cell * sizeof(int));
+    if (!made.nodes || !made.elements) {
+        sb_mesh_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
+    }
+    sbi_body_copy_cells(body, &made);
+    for (int i = 0; i < made.node_count; i++)
+        made.nodes[i] = body->reference[sb_body_node_in_use(body, i) ? i : made.elements[0]];
+    *mesh = made;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error)
+{
+    if (sb_body_mesh_version(body) == version)
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_STATE, "the body's mesh has changed since: make this anew");
+}
+
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
@@ -37,9 +74,13 @@ SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body) { return body->targ
 SBI_API sb_real sbi_body_young(const sb_body *body)
 {
     double sum = 0;
+    int count = 0;
     for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    return (sb_real)(sum / (double)body->domain.cell_count);
+        if (sb_body_cell_in_use(body, e)) {
+            sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+            count++;
+        }
+    return (sb_real)(sum / (double)count);
 }
 
 /* ---- shapes ---- */

@@ -9,8 +9,14 @@
 #include "step_parts.h"
 
 /* ---- readings ---- */
-SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed */
-SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed */
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed, free cells among the others */
+SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, free cells among the others */
+/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does. Release
+ * with sb_mesh_free. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+/* SB_ERROR_STATE unless the body's mesh is what it was when sb_body_mesh_version gave `version`. For those that do not
+ * follow a change of the mesh, before they use what they know of it. */
+SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */

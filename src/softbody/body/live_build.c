@@ -113,11 +113,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     sb_domain *domain = &next->domain;
     sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     next->live = live;
+    cells = (size_t)mesh->cells.capacity;
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
+    domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
@@ -125,7 +127,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
-        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+        next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
@@ -134,7 +136,10 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
+    live->follows = body->live->follows;
+    live->slack = body->live->slack;
     live->version = body->live->version + 1;
     next->node_capacity = live->nodes.capacity;
     next->material_count = body->material_count;
@@ -203,18 +208,23 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);
     if (result == SB_OK)
+        result = sbi_live_make_matrix(next, &next->matrix, error);
+    if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
+    next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
     if (result == SB_OK)
         result = sbi_body_take_topology(next, error);
     if (result != SB_OK)
         return result;
     memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    result = sbi_body_prepare_assembly(next, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_label_nodes(next);
     result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(next, error);
+        result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
@@ -270,28 +280,78 @@ static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE
     memcpy(vectors, list, sizeof list);
 }
 
-/* The weighted sum of the sources of made node `index`. */
-static sb_vec3 sbi_live_interpolate(const sbi_mesh_change *change, int index, const sb_vec3 *values)
+/* Sources of one node. */
+typedef struct sbi_live_sources {
+    int count;
+    const int *nodes;
+    const sb_real *weights;
+} sbi_live_sources;
+
+static sbi_live_sources sbi_live_get_sources(const int *start, int index, const int *nodes, const sb_real *weights)
 {
-    sb_vec3 sum = sb_v3(0, 0, 0), first = values[change->sources[change->source_start[index]]];
+    sbi_live_sources sources;
+    sources.count = start[index + 1] - start[index];
+    sources.nodes = nodes + start[index];
+    sources.weights = weights + start[index];
+    return sources;
+}
+
+/* The weighted sum of at least one source. */
+static sb_vec3 sbi_live_interpolate(const sbi_live_sources *sources, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), first = values[sources->nodes[0]];
     /* from the first source, so that what is the same for all stays the same to the last bit */
-    for (int k = change->source_start[index] + 1; k < change->source_start[index + 1]; k++)
-        sum = sb_v3_madd(sum, change->source_weights[k], sb_v3_sub(values[change->sources[k]], first));
+    for (int k = 1; k < sources->count; k++)
+        sum = sb_v3_madd(sum, sources->weights[k], sb_v3_sub(values[sources->nodes[k]], first));
     return sb_v3_add(first, sum);
+}
+
+/* The axes along which all sources are supported; nodes without a cell are held for another reason. */
+static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources *sources)
+{
+    unsigned axes = SB_XYZ;
+    for (int k = 0; k < sources->count; k++)
+        axes &= body->node_component[sources->nodes[k]] < 0 ? 0u : (unsigned)body->fixed[sources->nodes[k]];
+    return axes;
 }
 
 /* A node made: motion of its sources, and their supports unless it is a copy. */
 static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
 {
-    int node = change->made_nodes[index], first = change->source_start[index], end = change->source_start[index + 1];
-    unsigned axes = change->made_copies[index] ? 0 : SB_XYZ;
-    for (int k = first; k < end; k++) /* nodes without a cell are held for another reason */
-        axes &= body->node_component[change->sources[k]] < 0 ? 0u : (unsigned)body->fixed[change->sources[k]];
-    next->displacement[node] = sbi_live_interpolate(change, index, body->displacement);
-    next->velocity[node] = sbi_live_interpolate(change, index, body->velocity);
-    next->acceleration[node] = sbi_live_interpolate(change, index, body->acceleration);
-    next->target[node] = axes ? sbi_live_interpolate(change, index, body->target) : sb_v3(0, 0, 0);
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
+    int node = change->made_nodes[index];
+    unsigned axes = change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources);
+    next->displacement[node] = sbi_live_interpolate(&sources, body->displacement);
+    next->velocity[node] = sbi_live_interpolate(&sources, body->velocity);
+    next->acceleration[node] = sbi_live_interpolate(&sources, body->acceleration);
+    next->target[node] = axes ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
     next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+}
+
+/* The components of b along the axes, and those of a along the others. */
+static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
+{
+    return sb_v3(axes & SB_X ? b.x : a.x, axes & SB_Y ? b.y : a.y, axes & SB_Z ? b.z : a.z);
+}
+
+/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
+static void sbi_live_carry_moved(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+{
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->moved_start, index, change->moved_sources, change->moved_weights);
+    int node = change->moved_nodes[index];
+    unsigned held = next->fixed[node], both, free;
+    if (!sources.count)
+        return;
+    both = held & sbi_live_common_axes(body, &sources);
+    free = SB_XYZ & (~held | both);
+    next->displacement[node] = sbi_live_select(free, next->displacement[node],
+                                               sbi_live_interpolate(&sources, body->displacement));
+    next->velocity[node] = sbi_live_select(free, next->velocity[node], sbi_live_interpolate(&sources, body->velocity));
+    next->acceleration[node] = sbi_live_select(free, next->acceleration[node],
+                                               sbi_live_interpolate(&sources, body->acceleration));
+    next->target[node] = sbi_live_select(both, next->target[node], sbi_live_interpolate(&sources, body->target));
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
@@ -314,6 +374,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
     for (int i = 0; i < change->made_node_count; i++)
         sbi_live_carry_made(body, change, i, next);
+    for (int i = 0; i < change->moved_node_count; i++)
+        sbi_live_carry_moved(body, change, i, next);
     for (int i = 0; i < change->removed_node_count; i++)
         for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
             sb_vec3 force = body->dead_load[change->removed_nodes[i]];

@@ -15,7 +15,8 @@ enum {
     SBI_CHANGE_REMOVE_NODE = 3,
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
-    SBI_CHANGE_REMOVE_CELL = 6
+    SBI_CHANGE_REMOVE_CELL = 6,
+    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
@@ -282,9 +283,11 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     return SB_OK;
 }
 
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error)
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error)
 {
     sbi_changed_node *made, *moved = NULL;
+    int first;
     sb_result result;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_move_node needs a change");
@@ -292,9 +295,13 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         return sbi_fail_node(error, SB_ERROR_NOT_FINITE, node, "the new place of node %d is not finite", node);
     if (!sbi_slots_is_used(&change->nodes, node))
         return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
-    result = sbi_change_reserve(change, 0, error);
+    result = sbi_change_check_list(change, sources, weights, count, "sources", error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, sbi_max_int(count, sbi_change_expanded(change, sources, count)), error);
     if (result != SB_OK)
         return result;
+    first = change->entries.count;
+    sbi_change_expand(change, sources, weights, count);
     made = sbi_change_made_node(change, node);
     for (int i = 0; i < change->moved_nodes.count && !made; i++)
         if (change->moved_nodes.items[i].node == node)
@@ -304,9 +311,16 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         memset(moved, 0, sizeof *moved);
         moved->node = node;
     }
-    (made ? made : moved)->position = position;
-    sbi_change_log_int(change, SBI_CHANGE_MOVE_NODE);
+    moved = made ? made : moved;
+    moved->position = position;
+    if (count || !made) {
+        moved->first = first;
+        moved->count = change->entries.count - first;
+    }
+    sbi_change_log_int(change, count ? SBI_CHANGE_SLIDE_NODE : SBI_CHANGE_MOVE_NODE);
     sbi_change_log_int(change, node);
+    if (count)
+        sbi_change_log_list(change, sources, weights, count);
     sbi_change_log_vector(change, position);
     return SB_OK;
 }
@@ -557,9 +571,10 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
     number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
-    if (call == SBI_CHANGE_MOVE_NODE) {
+    if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
+        count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
-        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, error);
+        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
     }
     if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
         sb_change_cell cell = sb_default_change_cell();
@@ -621,6 +636,9 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
     lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->moved_start = (int *)sbi_arena_take(arena, moved + 1, sizeof(int));
+    lists->moved_sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->moved_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->removed_cells = (int *)sbi_arena_take(arena, gone, sizeof(int));
     lists->removed_cell_nodes = (int *)sbi_arena_take(arena, gone, n * sizeof(int));
     lists->made_cells = (int *)sbi_arena_take(arena, come, sizeof(int));
@@ -634,13 +652,25 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
 /* Upper bound of the cells that a moved node reshapes. */
 static int sbi_change_count_reshaped(const sb_body_change *change)
 {
-    const sb_index_lists *lists = &change->body->node_elements;
+    const sb_body *body = change->body;
     int64_t count = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        count += lists->offsets[node + 1] - lists->offsets[node];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+            count++;
     }
     return count < INT32_MAX ? (int)count : INT32_MAX;
+}
+
+/* Lists a record's sources or heirs; returns the end of the list. */
+static int sbi_change_list_entries(const sb_body_change *change, const sbi_changed_node *node, int end, int *nodes,
+                                   sb_real *weights)
+{
+    for (int k = 0; k < node->count; k++, end++) {
+        nodes[end] = change->entries.items[node->first + k].node;
+        weights[end] = change->entries.items[node->first + k].weight;
+    }
+    return end;
 }
 
 static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
@@ -653,10 +683,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
         lists->source_start[out->made_node_count++] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->sources[entries] = change->entries.items[node->first + k].node;
-            lists->source_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
     lists->source_start[out->made_node_count] = entries;
     entries = 0;
@@ -664,18 +691,20 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         const sbi_changed_node *node = change->removed_nodes.items + i;
         lists->removed_nodes[i] = node->node;
         lists->heir_start[i] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->heirs[entries] = change->entries.items[node->first + k].node;
-            lists->heir_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->heirs, lists->heir_weights);
     }
     out->removed_node_count = change->removed_nodes.count;
     lists->heir_start[out->removed_node_count] = entries;
     out->moved_node_count = change->moved_nodes.count;
+    entries = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
-        lists->moved_nodes[i] = change->moved_nodes.items[i].node;
-        lists->moved_from[i] = change->body->reference[change->moved_nodes.items[i].node];
+        const sbi_changed_node *node = change->moved_nodes.items + i;
+        lists->moved_nodes[i] = node->node;
+        lists->moved_from[i] = change->body->reference[node->node];
+        lists->moved_start[i] = entries;
+        entries = sbi_change_list_entries(change, node, entries, lists->moved_sources, lists->moved_weights);
     }
+    lists->moved_start[out->moved_node_count] = entries;
 }
 
 static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
@@ -705,11 +734,11 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
                                      sb_mesh_change *out)
 {
-    const sb_index_lists *elements = &change->body->node_elements;
+    const sb_body *body = change->body;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
-            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
             if (!stays)
@@ -834,6 +863,9 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->heir_weights = lists->heir_weights;
     out->moved_nodes = lists->moved_nodes;
     out->moved_from = lists->moved_from;
+    out->moved_start = lists->moved_start;
+    out->moved_sources = lists->moved_sources;
+    out->moved_weights = lists->moved_weights;
     out->removed_cells = lists->removed_cells;
     out->removed_cell_nodes = lists->removed_cell_nodes;
     out->made_cells = lists->made_cells;

@@ -7,7 +7,7 @@
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
-    int first, count;  /* sources (numbers before the change) or heirs among the entries */
+    int first, count;  /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
     int flags;
     int dropped;       /* 1: made and removed again */
     sb_vec3 position;
@@ -43,9 +43,10 @@ struct sb_body_change {
 typedef struct sbi_change_lists {
     void *memory;
     int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
+    int *moved_start, *moved_sources;
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
-    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
+    sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
 } sbi_change_lists;
 

@@ -13,21 +13,23 @@
  * stress.
  *
  * What a change does to what is there:
- * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources. Where the cells made
+ * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources, and so has a node that
+ *   was moved with sources (along axes that it is supported along only where all of them are). Where the cells made
  *   weigh what those they replace did, the nodes of the cells that changed then get a common rigid velocity, so that
  *   linear and angular momentum are what they were, to rounding. Nodes with supports get none of it; momentum that the
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others that follow (sb_body_listen): embeddings, contact, needles.
+ * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
+ *   (SB_ERROR_STATE), and they are made anew.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
  * as much again, and they have to be asked for anew. */
@@ -65,8 +67,14 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
-/* Moves a node in the reference shape; its displacement stays. Its cells change shape, also those not named here. */
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error);
+/* Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node
+ * counts.
+ * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so that
+ *                   the body's motion stays where it was while the node slides through it. count 0: the node keeps the
+ *                   motion it has, a made one that of its sources
+ * Errors as of sb_body_change_add_node. */
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error);
 /* Removes a node in use before the change.
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,

@@ -523,9 +523,9 @@ static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
+        if (!(size * SBI_SURFACE_NO_LIMIT > (float)SBI_SURFACE_BINS))
+            continue; /* flat */
         per_unit = (float)SBI_SURFACE_BINS / size;
-        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
-            continue;
         if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);

@@ -242,10 +242,9 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
     }
 }
 
-static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+static void sbi_mesh_check_quality(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     sbi_mesh_table table;
-    double area, volume;
     report->worst_element = -1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
@@ -255,6 +254,13 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
             report->worst_quality = quality;
         }
     }
+}
+
+/* One after the other: the tables of both at once would take most of the stack that the header promises to do with. */
+static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+{
+    double area, volume;
+    sbi_mesh_check_quality(mesh, defect, report);
     sbi_mesh_measure(mesh, defect, &area, &volume);
     report->area = (sb_real)area;
     report->volume = (sb_real)volume;

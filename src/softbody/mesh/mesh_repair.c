@@ -53,15 +53,11 @@ static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table
     return volume < 0;
 }
 
-SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+/* Returns the number of elements that it mirrored. */
+static int sbi_mesh_orient_solids(sb_mesh *mesh)
 {
     sbi_mesh_table table;
     int count = 0;
-    sb_result result = sbi_mesh_check_arrays(mesh, error);
-    if (result != SB_OK)
-        return result;
-    if (sb_element_dimension(mesh->element_type) == 2)
-        return sb_mesh_orient_surface(mesh, flipped, error);
     sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
     for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
@@ -69,6 +65,18 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
             count++;
         }
     }
+    return count;
+}
+
+SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+{
+    int count;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sb_mesh_orient_surface(mesh, flipped, error);
+    count = sbi_mesh_orient_solids(mesh);
     if (flipped)
         *flipped = count;
     return SB_OK;

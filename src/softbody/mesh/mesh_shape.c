@@ -385,7 +385,13 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
         size[i] = sb_v3_norm(normals[i]);
     for (int i = 0; i < 4; i++)
         for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            sb_real product = size[i] * size[j], cosine;
+            if (!(product > 0)) { /* a face without an area: as bad as can be */
+                *of_smallest = 1;
+                *of_largest = -1;
+                return;
+            }
+            cosine = -sb_v3_dot(normals[i], normals[j]) / product;
             *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
             *of_largest = cosine >= *of_largest ? *of_largest : cosine;
         }
