@@ -908,7 +908,8 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
 /* One step: moves the body and raises the charge. info may be NULL. On failure the body is as before:
  * SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE, SB_ERROR_DIVERGED (also when at full charge the organ
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
- * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints. A recording of
+ * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints; SB_ERROR_STATE when its mesh has
+ * changed: make a match of it anew. A recording of
  * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
  * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
  * follows them. */
@@ -922,7 +923,7 @@ REG_API void reg_match_restart(reg_match *match);
 /* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE names none and
  * changes nothing; a settled match runs again. */
 REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targets);
-/* Where the landmarks are now (m): points[landmark_count]. */
+/* Where the landmarks are now (m): points[landmark_count]; untouched when the body's mesh has changed. */
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points);
 
 /* The body's: sb_body_positions and sb_body_displacements are the result. */
@@ -1066,7 +1067,8 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalt
 
 /* One look at the target and the balance after it. info may be NULL. On failure the body is as before:
  * SB_ERROR_NOT_CONVERGED when too little of the surface has a partner, SB_ERROR_DIVERGED when the organ has less than a
- * quarter or more than four times its volume, and what sb_body_solve_static says. Allocates nothing. The same bits for any number
+ * quarter or more than four times its volume, and what sb_body_solve_static says; SB_ERROR_STATE
+ * when its mesh has changed: make a registration of it anew. Allocates nothing. The same bits for any number
  * of threads. A recording of the body holds the penalties and the balance, and replays without the registration. */
 REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info);
 /* Steps until the shape converges, the increments or `steps` (>= 1) are done, or the time is up: all of these are
@@ -1078,14 +1080,15 @@ REG_API void reg_nicp_restart(reg_nicp *nicp);
 /* New places of the landmarks, targets[landmark_count] (m): between any two steps. SB_ERROR_NOT_FINITE changes nothing;
  * a run that had ended goes on with the last increment. */
 REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets);
-/* Where the landmarks are now (m): points[landmark_count]. */
+/* Where the landmarks are now (m): points[landmark_count]; untouched when the body's mesh has changed. */
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points);
 
 /* The body's: sb_body_positions and sb_body_displacements are the result. */
 REG_API const sb_body *reg_nicp_body(const reg_nicp *nicp);
 REG_API reg_nicp_info reg_nicp_get_info(const reg_nicp *nicp);
 /* Where the surface is now: points[reg_nicp_surface_count] (m), the vertices of def.surface, or the boundary's nodes in
- * the order of sb_mesh_boundary. Through the grid's mapping for bodies in grids. */
+ * the order of sb_mesh_boundary; untouched when the body's mesh has changed. Through the grid's mapping for bodies in
+ * grids. */
 REG_API int reg_nicp_surface_count(const reg_nicp *nicp);
 REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points);
 
@@ -1193,7 +1196,8 @@ typedef struct reg_loads_info {
  * forces  [nodes of the body] found (N), 0 inside and where nodes are held; or NULL
  * info    or NULL
  * Returns SB_ERROR_ARGUMENT (a field, named), SB_ERROR_UNSUPPORTED (a Laplacian match; a body with pressures, springs,
- * mappings or constraints), SB_ERROR_INVERTED (element named), SB_ERROR_INDEFINITE,
+ * mappings or constraints), SB_ERROR_STATE (its mesh has changed since the match was made), SB_ERROR_INVERTED (element
+ * named), SB_ERROR_INDEFINITE,
  * SB_ERROR_DIVERGED, SB_ERROR_NOT_CONVERGED (nothing of the surface is near the target), SB_ERROR_MEMORY; the
  * body is then as before and forces are untouched. All memory is taken at the beginning and released at the end.
  * Deterministic. */
@@ -6087,7 +6091,8 @@ struct reg_match {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
-    sb_mesh mesh;              /* the body's at rest, borrowed */
+    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
+    int mesh_version;          /* of the body's mesh that all of this is about */
     const sb_vec3 *shape;      /* [nodes] displacements at which charges are looked at: the body's, borrowed */
     sbi_potential *potential;  /* rows of charges and landmarks */
     double electric;           /* energy of the last look (J) */
@@ -6300,17 +6305,17 @@ static sb_result regi_match_make_sites(const sb_mesh *surface, const sb_allocato
     return result;
 }
 
-/* Charges of the def's surface, or of the body's boundary. */
-static sb_result regi_match_find_sites(const reg_match_def *def, regi_match_sites *sites, sb_error *error)
+/* Charges of the def's surface, or of the boundary of the body's mesh. */
+static sb_result regi_match_find_sites(const sb_mesh *mesh, const reg_match_def *def, regi_match_sites *sites,
+                                       sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
     sb_result result;
     memset(sites, 0, sizeof *sites);
     if (def->surface) {
         result = regi_match_make_sites(def->surface, &def->allocator, sites, error);
     } else {
-        result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+        result = sb_mesh_boundary(mesh, 1, &def->allocator, &boundary, error);
         if (result != SB_OK)
             return result;
         result = regi_match_make_sites(&boundary.surface, &def->allocator, sites, error);
@@ -6464,12 +6469,16 @@ static sb_result regi_match_make_field(reg_match *match, const reg_match_def *de
 
 static sb_result regi_match_set(reg_match *match, const reg_match_def *def, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
+    sb_mesh mesh;
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
+    sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &match->mesh, error);
+    if (result != SB_OK)
+        return result;
+    mesh = match->mesh;
     sb_mesh_bounds(&mesh, &low, &high);
     match->body = def->body;
-    match->mesh = mesh;
+    match->mesh_version = sb_body_mesh_version(def->body);
     match->shape = sb_body_displacements(def->body);
     match->clock = def->clock;
     match->method = def->method;
@@ -6534,7 +6543,7 @@ static sb_result regi_match_build(reg_match *match, const reg_match_def *def, sb
     if (result != SB_OK)
         return result;
     match->partial = def->partial == SB_AUTO ? regi_field_is_open(match->field) : def->partial;
-    result = regi_match_find_sites(def, &sites, error);
+    result = regi_match_find_sites(&match->mesh, def, &sites, error);
     if (result != SB_OK)
         return result;
     match->charge_count = sites.count;
@@ -6579,6 +6588,7 @@ REG_API void reg_match_destroy(reg_match *match)
     allocator = match->allocator;
     reg_field_destroy(match->field);
     sbi_potential_destroy(match->potential);
+    sb_mesh_free(&match->mesh);
     sbi_free(&allocator, match->memory);
     sbi_free(&allocator, match);
 }
@@ -6621,7 +6631,7 @@ REG_API sb_result reg_match_move_landmarks(reg_match *match, const sb_vec3 *targ
 
 REG_API void reg_match_landmarks(const reg_match *match, sb_vec3 *points)
 {
-    if (!match || !points)
+    if (!match || !points || sbi_body_check_version(match->body, match->mesh_version, NULL) != SB_OK)
         return;
     for (int i = match->charge_count; i < match->charge_count + match->landmark_count; i++)
         points[match->charges[i].index] = regi_match_point(match, i);
@@ -6901,8 +6911,9 @@ static void regi_match_judge(reg_match *match)
 /* Of a point, a flat patch or a target in another unit the charges make what no organ looks like. */
 static sb_result regi_match_check_shape(reg_match *match)
 {
-    sb_mesh mesh = sbi_body_shape(match->body);
+    sb_mesh mesh = match->mesh;
     double share;
+    mesh.nodes = sbi_body_shape(match->body).nodes;
     share = (double)(sb_mesh_volume(&mesh) / match->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -6972,9 +6983,10 @@ REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info)
     begin = regi_match_now(match);
     memset(&match->info.error, 0, sizeof match->info.error);
     match->info.error.element = match->info.error.node = -1;
-    if (sbi_body_has_constraints(match->body))
+    result = sbi_body_check_version(match->body, match->mesh_version, &match->info.error);
+    if (result == SB_OK && sbi_body_has_constraints(match->body))
         result = sbi_fail(&match->info.error, SB_ERROR_UNSUPPORTED, "the body has constraints now");
-    else
+    if (result == SB_OK)
         result = regi_match_try(match);
     match->info.seconds += regi_match_now(match) - begin;
     if (result != SB_OK)
@@ -7052,6 +7064,8 @@ struct reg_nicp {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
+    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
+    int mesh_version;          /* of the body's mesh that all of this is about */
     reg_field *field;
     int is_cloud;              /* the target is one */
     sb_real spacing;           /* of the target's points (m) */
@@ -7206,9 +7220,10 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+    if (def->grid && (sb_body_mesh_version(def->body) != 0 ||
+                      def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
                       def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid, or has changed since");
     result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
         result = regi_nicp_check_rules(def, error);
@@ -7291,10 +7306,9 @@ static sb_result regi_nicp_grid_rows(const reg_nicp_def *def, const sb_vec3 *poi
 }
 
 /* Rows of points at rest, through the grid or the elements. */
-static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_vec3 *points, int count,
+static sb_result regi_nicp_hold(const reg_nicp *nicp, const reg_nicp_def *def, const sb_vec3 *points, int count,
                                 regi_nicp_rows *rows, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_embedding_def embed = sb_default_embedding_def();
     sb_embedding *embedding = NULL;
     sb_embedding_rows made;
@@ -7302,11 +7316,11 @@ static sb_result regi_nicp_hold(const reg_nicp_def *def, sb_real size, const sb_
     if (def->grid)
         return regi_nicp_grid_rows(def, points, count, rows, error);
     memset(&made, 0, sizeof made);
-    embed.mesh = &mesh;
+    embed.mesh = &nicp->mesh;
     embed.points = points;
     embed.point_count = count;
     embed.kind = SB_EMBED_PLAIN;
-    embed.max_distance = (sb_real)0.25 * size; /* beyond, the surface and the model are not of one organ */
+    embed.max_distance = (sb_real)0.25 * nicp->size; /* beyond, the surface and the model are not of one organ */
     embed.allocator = def->allocator;
     embed.jobs = *sbi_body_jobs(def->body);
     result = sb_embedding_create(&embed, &embedding, error);
@@ -7497,18 +7511,16 @@ static sb_result regi_nicp_make_field(reg_nicp *nicp, const reg_nicp_def *def, s
 static sb_result regi_nicp_measure_body(reg_nicp *nicp, const sb_mesh *surface, const reg_nicp_def *def,
                                         sb_error *error)
 {
-    const sb_body *body = def->body;
-    sb_mesh mesh = sbi_body_mesh(body);
     sb_vec3 low, high;
     sb_real share; /* of an element in the cube of the organ's size: its cube root is the element's size */
     sb_mesh_bounds(surface, &low, &high);
     nicp->size = sb_v3_norm(sb_v3_sub(high, low));
-    nicp->young = sbi_body_young(body);
+    nicp->young = sbi_body_young(nicp->body);
     if (!sb_is_finite(nicp->young) || !(nicp->young > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL, "the body's Young's modulus is %g", (double)nicp->young);
     share = def->grid ? def->grid->cell_size.x * def->grid->cell_size.y * def->grid->cell_size.z
-                      : sb_mesh_volume(&mesh) / (sb_real)mesh.element_count;
-    nicp->volume = sb_mesh_volume(&mesh);
+                      : sb_mesh_volume(&nicp->mesh) / (sb_real)nicp->mesh.element_count;
+    nicp->volume = sb_mesh_volume(&nicp->mesh);
     share /= nicp->size * nicp->size * nicp->size;
     nicp->landmark_stiffness = def->landmark_stiffness * nicp->young * nicp->size * sb_exp(sb_log(share) / 3);
     nicp->reach = def->reach * nicp->size;
@@ -7523,6 +7535,7 @@ static void regi_nicp_set(reg_nicp *nicp, const reg_nicp_def *def)
     nicp->allocator = def->allocator;
     nicp->clock = def->clock;
     nicp->body = def->body;
+    nicp->mesh_version = sb_body_mesh_version(def->body);
     nicp->view = def->view;
     nicp->camera = def->camera;
     nicp->blending = def->blending;
@@ -7637,11 +7650,11 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
     if (result == SB_OK)
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
-        result = def->surface ? regi_nicp_hold(def, nicp->size, surface->nodes, surface->node_count, &nicp->rows, error)
+        result = def->surface ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
                               : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows,
                                                     error);
     if (result == SB_OK && nicp->landmark_count)
-        result = regi_nicp_hold(def, nicp->size, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
+        result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_choose_samples(nicp, def, &samples, error);
@@ -7655,13 +7668,14 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
 
 static sb_result regi_nicp_build(reg_nicp *nicp, const reg_nicp_def *def, sb_error *error)
 {
-    sb_mesh mesh = sbi_body_mesh(def->body);
     sb_boundary boundary;
-    sb_result result;
+    sb_result result = sbi_body_copy_mesh(def->body, &def->allocator, &nicp->mesh, error);
+    if (result != SB_OK)
+        return result;
     regi_nicp_set(nicp, def);
     if (def->surface)
         return regi_nicp_build_on(nicp, def, NULL, error);
-    result = sb_mesh_boundary(&mesh, 1, &def->allocator, &boundary, error);
+    result = sb_mesh_boundary(&nicp->mesh, 1, &def->allocator, &boundary, error);
     if (result != SB_OK)
         return result;
     result = regi_nicp_build_on(nicp, def, &boundary, error);
@@ -7701,6 +7715,7 @@ REG_API void reg_nicp_destroy(reg_nicp *nicp)
         (void)sb_body_remove_load(nicp->body, nicp->landmark_load);
     if (nicp->surface_load)
         (void)sb_body_remove_load(nicp->body, nicp->surface_load);
+    sb_mesh_free(&nicp->mesh);
     reg_field_destroy(nicp->field);
     sb_surface_destroy(nicp->skin);
     regi_nicp_free_rows(&allocator, &nicp->rows);
@@ -7744,7 +7759,7 @@ REG_API sb_result reg_nicp_move_landmarks(reg_nicp *nicp, const sb_vec3 *targets
 
 REG_API void reg_nicp_landmarks(const reg_nicp *nicp, sb_vec3 *points)
 {
-    if (!nicp || !points)
+    if (!nicp || !points || sbi_body_check_version(nicp->body, nicp->mesh_version, NULL) != SB_OK)
         return;
     if (nicp->landmark_count)
         regi_nicp_points(nicp, &nicp->landmark_rows, points);
@@ -7766,7 +7781,7 @@ REG_API int reg_nicp_surface_count(const reg_nicp *nicp) { return nicp ? nicp->v
 
 REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points)
 {
-    if (!nicp || !points)
+    if (!nicp || !points || sbi_body_check_version(nicp->body, nicp->mesh_version, NULL) != SB_OK)
         return;
     regi_nicp_points(nicp, &nicp->rows, points);
 }
@@ -8119,8 +8134,9 @@ static void regi_nicp_read_landmarks(reg_nicp *nicp)
 /* Of a point, a flat patch or a target in another unit the penalties make what no organ looks like. */
 static sb_result regi_nicp_check_shape(reg_nicp *nicp)
 {
-    sb_mesh mesh = sbi_body_shape(nicp->body);
+    sb_mesh mesh = nicp->mesh;
     double share;
+    mesh.nodes = sbi_body_shape(nicp->body).nodes;
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
@@ -8163,9 +8179,13 @@ REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info)
     begin = regi_nicp_now(nicp);
     memset(&nicp->info.error, 0, sizeof nicp->info.error);
     nicp->info.error.element = nicp->info.error.node = -1;
-    result = regi_nicp_try(nicp);
+    result = sbi_body_check_version(nicp->body, nicp->mesh_version, &nicp->info.error);
+    if (result == SB_OK)
+        result = regi_nicp_try(nicp);
     nicp->info.seconds += regi_nicp_now(nicp) - begin;
-    if (result != SB_OK)
+    if (result == SB_ERROR_STATE)
+        nicp->info.stop = REG_NICP_FAILED;
+    else if (result != SB_OK)
         nicp->info.stop = nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP
                                                                                               : REG_NICP_FAILED;
     if (info)
@@ -8309,7 +8329,7 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a match by distance");
     if (sbi_body_load_count(def->match->body) > 0 || sbi_body_has_constraints(def->match->body))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "loads need a body without pressures, springs and constraints");
-    return SB_OK;
+    return sbi_body_check_version(def->match->body, def->match->mesh_version, error);
 }
 
 static double regi_loads_now(const regi_loads *l) { return l->def->clock ? l->def->clock() : 0.0; }

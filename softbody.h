@@ -322,7 +322,8 @@
  *
  * Every object takes an sb_allocator ({0}: malloc). All memory for stepping is taken at creation and when supports
  * are added; a step allocates nothing. When the allocator returns NULL the call fails with SB_ERROR_MEMORY and
- * nothing leaks.
+ * nothing leaks. Calls of this header, of needle.h and of register.h need at most 128 kB of stack, most of it for the
+ * stiffness of a hex27 (58 kB), on each thread that works for def.jobs too; your callbacks come on top of it.
  *
  * THREADS
  *
@@ -1911,11 +1912,12 @@ typedef struct sbi_polar_lanes {
     sb_real good[SB_POLAR_LANES], last[SB_POLAR_LANES];
 } sbi_polar_lanes;
 
-/* One step in each moving lane. Lanes never look at each other. Two loops, so that no arithmetic can sink
- * into the selection. */
+/* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
+ * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
 SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                                            sbi_polar_lanes *SB_RESTRICT s)
 {
+    sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
         sb_mat3 a;
@@ -1924,7 +1926,11 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
         a.m[1][0] = f[3][l], a.m[1][1] = f[4][l], a.m[1][2] = f[5][l];
         a.m[2][0] = f[6][l], a.m[2][1] = f[7][l], a.m[2][2] = f[8][l];
         s->good[l] = sbi_polar_newton(a, q, &u, &s->last[l]) ? (sb_real)1 : (sb_real)0;
-        q = sbi_polar_turn(q, u);
+        turn[0][l] = u.x, turn[1][l] = u.y, turn[2][l] = u.z;
+    }
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_quat q = sb_quat_make(s->q[0][l], s->q[1][l], s->q[2][l], s->q[3][l]);
+        q = sbi_polar_turn(q, sb_v3_scale(s->good[l], sb_v3(turn[0][l], turn[1][l], turn[2][l])));
         s->next[0][l] = q.w, s->next[1][l] = q.x, s->next[2][l] = q.y, s->next[3][l] = q.z;
     }
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1991,6 +1997,7 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
+    int some_hard;
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_real n = q[0][l] * q[0][l] + q[1][l] * q[1][l] + q[2][l] * q[2][l] + q[3][l] * q[3][l];
         int unit = (n > (sb_real)0.99) & (n < (sb_real)1.01);
@@ -2006,11 +2013,14 @@ SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
     }
     for (int l = 0; l < SB_POLAR_LANES; l++)
         s.hard[l] += s.moving[l];
-    sbi_polar_batch_finish(&s, q, r);
-    if (sbi_polar_any(s.hard))
+    some_hard = sbi_polar_any(s.hard);
+    for (int k = 0; some_hard && k < 4; k++) /* these may have any length, and would overflow on the way to theirs */
         for (int l = 0; l < SB_POLAR_LANES; l++)
-            if (s.hard[l] > 0)
-                sbi_polar_lane(f, s.start, q, r, l);
+            s.q[k][l] = s.hard[l] > 0 ? (sb_real)0.5 : s.q[k][l];
+    sbi_polar_batch_finish(&s, q, r);
+    for (int l = 0; some_hard && l < SB_POLAR_LANES; l++)
+        if (s.hard[l] > 0)
+            sbi_polar_lane(f, s.start, q, r, l);
 }
 
 #undef SBI_POLAR_STEPS
@@ -2776,8 +2786,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
- * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
- * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test. A
+ * free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
@@ -2802,6 +2812,9 @@ typedef struct sb_mesh_change {
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+    const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
+    const int *moved_sources;  /* as sources */
+    const sb_real *moved_weights;
 
     int removed_cell_count;
     const int *removed_cells;      /* [removed_cell_count] */
@@ -3516,11 +3529,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
  * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
  * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
- * function allocates or keeps state; all are thread-safe.
- *
- * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
- * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
- * points instantiated per model contains that model's arithmetic only. */
+ * function allocates or keeps state; all are thread-safe. */
 #ifndef SB_MATERIAL_H
 #define SB_MATERIAL_H
 
@@ -3705,749 +3714,6 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
-
-/* ==== internal: workers of one model =====================================================================
- * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
- * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. */
-
-/* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
-
-/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
-SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
-{
-    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
-}
-
-/* scale a + shift I */
-SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
-{
-    a = sb_m3_scale(scale, a);
-    for (int i = 0; i < 3; i++)
-        a.m[i][i] += shift;
-    return a;
-}
-
-/* Writes block (i,k) and its mirror image (k,i); i <= k. */
-SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
-{
-    for (int j = 0; j < 3; j++)
-        for (int l = 0; l < 3; l++) {
-            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
-            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
-        }
-}
-
-/* A += weight d (x) d, exactly symmetric. */
-SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
-{
-    for (int p = 0; p < 9; p++) {
-        sb_real scaled = weight * d.m[p / 3][p % 3];
-        for (int q = p; q < 9; q++)
-            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
-    }
-}
-
-/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
-SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
-{
-    if (sb_abs(x) < (sb_real)0.125) {
-        sb_real sum = 1;
-        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
-            sum = 1 - x / (sb_real)n * sum;
-        return sum;
-    }
-    return (1 - sb_exp(-x)) / x;
-}
-
-/* ---- linear ---- */
-
-SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
-{
-    sb_mat3 e;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
-    return e;
-}
-
-/* lambda tr(e) I + 2 mu e */
-SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
-{
-    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
-    sb_real pressure = m->lambda * sb_m3_trace(e);
-    for (int i = 0; i < 3; i++)
-        s.m[i][i] += pressure;
-    return s;
-}
-
-/* lambda/2 tr(e)^2 + mu e:e */
-SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
-{
-    sb_real trace = sb_m3_trace(e);
-    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
-}
-
-/* ---- corotated ---- */
-
-/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
-typedef struct sbi_corotation {
-    sb_mat3 r;
-    sb_vec3 s;
-    sb_mat3 v;
-} sbi_corotation;
-
-SBI_FORCE_INLINE sbi_corotation sbi_corotate(const int model, const sb_mat3 *F, sb_quat *rotation)
-{
-    sbi_corotation c;
-    if (model == SB_COROTATED_INVERTIBLE) {
-        sb_mat3 u;
-        sb_m3_svd(*F, &u, &c.s, &c.v);
-        c.r = sb_m3_mult(u, c.v);
-    } else {
-        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
-        c.r = sb_quat_to_mat3(q);
-        if (rotation)
-            *rotation = q;
-        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
-        c.v = sb_m3_zero();
-    }
-    return c;
-}
-
-/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
-    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
-}
-
-SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 d = sb_m3_sub(*F, *r);
-    sb_real trace = sb_m3_ddot(*r, *F) - 3;
-    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
-}
-
-/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
- *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
- * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
- * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
-
-/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
-SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
-
-/* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
-{
-    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
-    sb_mat3 spin;
-    z[0] = mu + kappa / sb_max(s.y + s.z, least);
-    z[1] = mu + kappa / sb_max(s.x + s.z, least);
-    z[2] = mu + kappa / sb_max(s.x + s.y, least);
-    if (kind != SB_TANGENT_EXACT)
-        for (int k = 0; k < 3; k++)
-            z[k] = sb_max(z[k], 0);
-    for (int i = 0; i < 3; i++)
-        for (int j = i; j < 3; j++)
-            spin.m[i][j] = spin.m[j][i] =
-                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
-    return spin;
-}
-
-/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
- * rotation is nearly not unique. */
-SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
-{
-    sb_real trace = sb_m3_trace(stretch);
-    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
-    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
-    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
-        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
-        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
-            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
-        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
-            return sb_m3_zero();
-    }
-    sb_vec3 s;
-    sb_mat3 v;
-    sb_m3_eigen(stretch, &s, &v);
-    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
-}
-
-/* sym(R^T F) */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 s = sb_m3_tmul(*r, *F);
-    for (int i = 0; i < 3; i++)
-        for (int j = i + 1; j < 3; j++)
-            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
-    return s;
-}
-
-/* [r]x m: column c is r x (column c of m). */
-SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
-{
-    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
-                         sb_v3_cross(r, sb_m3_column(m, 2)));
-}
-
-/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
-SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
-{
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ri = sbi_material_row(&r, i);
-        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
-        for (int k = i; k < 3; k++) {
-            sb_vec3 rk = sbi_material_row(&r, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
-            if (i == k)
-                block = sbi_material_affine(1, block, m->mu);
-            if (spin)
-                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    sbi_corotation c = sbi_corotate(model, F, rotation);
-    sb_real kappa;
-    sb_mat3 spin;
-    if (kind == SB_TANGENT_QUASI) {
-        sbi_corotated_assemble(m, c.r, NULL, A);
-        return;
-    }
-    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
-    if (model == SB_COROTATED_INVERTIBLE)
-        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
-    else
-        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
-    sbi_corotated_assemble(m, c.r, &spin, A);
-}
-
-/* Hooke's tangent: the rotated one at R = I. */
-SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
-{
-    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
-}
-
-/* ---- St.Venant-Kirchhoff ---- */
-
-/* E = (F^T F - I)/2 */
-SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
-{
-    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
-}
-
-/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
-SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
-            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
-        }
-    }
-}
-
-/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
-
-/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
- *     P = alpha F + second N - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
- *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
- * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
-typedef struct sbi_barrier {
-    sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
-} sbi_barrier;
-
-/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
-SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
-{
-    *curvature = 2 * m->c20 + 6 * m->c30 * i;
-    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
-}
-
-/* The isochoric family's coefficients; cofactor = cof F. */
-SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
-                                            const sb_mat3 *cofactor, sbi_barrier *out)
-{
-    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-    sb_real square = root * root, slope = m->c10, curvature = 0;
-    if (model == SB_REDUCED_POLYNOMIAL)
-        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
-    out->alpha = 2 * slope / square;
-    out->beta = -(sb_real)2 / 3 * out->alpha;
-    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
-    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
-        out->zeta = 4 * curvature / (square * square);
-        out->beta -= out->zeta * I1 / 3;
-        out->gamma += out->zeta * I1 * I1 / 9;
-    }
-    if (model == SB_MOONEY_RIVLIN) {
-        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
-        out->second = 2 * m->c01 / (square * square);
-        out->zeta = 2 * out->second;
-        out->gamma += (sb_real)8 / 9 * out->second * I2;
-        out->epsilon += 2 * out->second * I2 / 3;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    if (!(J > 0))
-        return 0;
-    out->J = J;
-    out->b = sb_m3_scale(1 / J, cofactor);
-    out->zeta = out->second = 0;
-    if (model == SB_NEO_HOOKEAN) {
-        out->alpha = m->mu;
-        out->beta = 0;
-        out->gamma = m->lambda;
-        out->epsilon = m->mu - m->lambda * sb_log(J);
-    } else {
-        sbi_barrier_isochoric(model, m, F, &cofactor, out);
-    }
-    return 1;
-}
-
-/* N = F (I1 I - C) */
-SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
-}
-
-SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    *P = sb_m3_scale(c.alpha, *F);
-    if (model == SB_MOONEY_RIVLIN)
-        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
-    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
-    return 1;
-}
-
-SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
-{
-    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
-    if (!(J > 0))
-        return 0;
-    if (model == SB_NEO_HOOKEAN) {
-        sb_real log_J = sb_log(J);
-        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
-    } else {
-        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
-        if (model == SB_REDUCED_POLYNOMIAL)
-            slope += i * (m->c20 + m->c30 * i);
-        *W = slope * i + (J - 1) * (J - 1) / m->d1;
-        if (model == SB_MOONEY_RIVLIN) {
-            sb_mat3 cofactor = sb_m3_cofactor(*F);
-            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
-        }
-    }
-    return 1;
-}
-
-/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
- * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
-SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
-            block = sb_m3_add(block, sb_m3_outer(li, bk));
-            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
-            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
-            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
-            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    if (model == SB_MOONEY_RIVLIN) {
-        sbi_mooney_tangent(&c, F, A);
-        return 1;
-    }
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c.b, i);
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
-            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
-                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
-            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN) {
-                sb_vec3 left = sb_v3_scale(c.beta, bk);
-                if (model == SB_REDUCED_POLYNOMIAL)
-                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
-                block = sb_m3_add(block, sb_m3_outer(fi, left));
-            }
-            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
-        }
-    }
-    return 1;
-}
-
-/* ---- stable neo-Hookean ---- */
-
-/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
-SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
-}
-
-SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
-{
-    sb_real growth = sb_m3_det(*F) - 1;
-    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
-           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
-}
-
-/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
- * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
-SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 c = sb_m3_cofactor(*F);
-    sb_real stiffness = m->lambda + m->mu;
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
-        for (int k = i; k < 3; k++) {
-            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
-            if (i == k) {
-                block = sbi_material_affine(1, block, m->mu);
-            } else {
-                int n = 3 - i - k;
-                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
-                for (int j = 0; j < 3; j++) {
-                    int l = (j + 1) % 3, p = (j + 2) % 3;
-                    block.m[j][l] += signed_q * F->m[n][p];
-                    block.m[l][j] -= signed_q * F->m[n][p];
-                }
-            }
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
-
-/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
-SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
-{
-    sb_real lower[9][9], largest = 0, tolerance;
-    for (int r = 0; r < 9; r++) {
-        largest = sb_max(largest, A[10 * r]);
-        for (int c = 0; c <= r; c++)
-            lower[r][c] = A[9 * r + c];
-    }
-    tolerance = 32 * SB_EPSILON * largest;
-    for (int c = 0; c < 9; c++) {
-        sb_real pivot = lower[c][c];
-        if (pivot > tolerance) {
-            for (int r = c + 1; r < 9; r++) {
-                sb_real factor = lower[r][c] / pivot;
-                for (int q = c + 1; q <= r; q++)
-                    lower[r][q] -= factor * lower[q][c];
-            }
-            continue;
-        }
-        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
-        if (!(pivot >= -tolerance))
-            return 0;
-        for (int r = c + 1; r < 9; r++)
-            if (!(sb_abs(lower[r][c]) <= tolerance))
-                return 0;
-    }
-    return 1;
-}
-
-/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
- * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
-typedef struct sbi_principal {
-    sb_mat3 stretch;
-    sb_real same[3], cross[3];
-} sbi_principal;
-
-SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
-    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
-        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
-        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
-        out->cross[i] = m->mu * s[j] * s[k];
-    }
-}
-
-/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
-SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
-{
-    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
-    sb_real normal[3]; /* N_i = normal_i s_i */
-    for (int i = 0; i < 3; i++)
-        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
-                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
-        out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) *
-                product +
-            c->zeta * s[j] * s[k];
-        out->same[i] = c->alpha + c->second * squares[i];
-        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
-    }
-}
-
-SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
-        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
-        out->same[i] = m->mu;
-        out->cross[i] = -q * s[i];
-    }
-}
-
-/* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
-{
-    sbi_barrier c;
-    if (model == SB_SVK)
-        sbi_principal_svk(m, s, out);
-    else if (model == SB_STABLE_NEO_HOOKEAN)
-        sbi_principal_stable(m, s, out);
-    else if (sbi_barrier_at(model, m, F, &c))
-        sbi_principal_barrier(&c, s, out);
-}
-
-/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
-SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    sb_vec3 values;
-    sb_mat3 modes;
-    sb_m3_eigen(stretch, &values, &modes);
-    const sb_real scaling[3] = {values.x, values.y, values.z};
-    for (int k = 0; k < 3; k++) {
-        sb_mat3 scaled = u;
-        if (!(scaling[k] < 0))
-            continue;
-        for (int c = 0; c < 3; c++)
-            for (int r = 0; r < 3; r++)
-                scaled.m[r][c] *= modes.m[c][k];
-        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
-    }
-}
-
-/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
- * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
- * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
- * care (Smith et al. 2019). */
-SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    for (int k = 0; k < 3; k++) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
-        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
-        sb_real twist = principal->same[k] - principal->cross[k];
-        sb_real flip = principal->same[k] + principal->cross[k];
-        if (twist < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
-        if (flip < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
-    }
-    if (!sbi_material_is_positive(principal->stretch))
-        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
-}
-
-/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
-SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    if (sbi_tangent_is_semidefinite(A))
-        return;
-    sb_mat3 u, v;
-    sb_vec3 stretches;
-    sbi_principal principal;
-    sb_m3_svd(*F, &u, &stretches, &v);
-    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
-    sbi_principal_at(model, m, F, s, &principal);
-    sbi_tangent_lift(&principal, u, v, A);
-}
-
-/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
- * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
- * add to their output, and return 0 with it untouched when the share is not finite. */
-
-/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
-{
-    sb_real e, growth;
-    *a = sb_m3_apply(*F, a0);
-    e = sb_v3_dot(*a, *a) - 1;
-    *first = *second = 0;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
-    *first = growth * e;
-    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
-    return sb_is_finite(*first) && sb_is_finite(*second);
-}
-
-SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
-{
-    sb_vec3 a = sb_m3_apply(*F, a0);
-    sb_real e = sb_v3_dot(a, a) - 1, energy;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
-    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
-    if (!sb_is_finite(energy))
-        return 0;
-    *W += energy;
-    return 1;
-}
-
-/* P = 2 W' a a0^T */
-SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (first > 0)
-        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
-    return 1;
-}
-
-/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
- * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
-SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (!(second > 0))
-        return 1;
-    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
-    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < 3; l++)
-                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
-    return 1;
-}
-
-/* ---- the workers; `model` is a literal where speed counts ---- */
-
-SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_real *W)
-{
-    switch (model) {
-    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *W = sbi_corotated_energy(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
-    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_mat3 *P)
-{
-    switch (model) {
-    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *P = sbi_corotated_stress(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
-    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    switch (model) {
-    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
-    case SB_SVK: sbi_svk_tangent(m, F, A); break;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL:
-        if (!sbi_barrier_tangent(model, m, F, A))
-            return 0;
-        break;
-    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
-    default: return 0;
-    }
-    if (kind != SB_TANGENT_EXACT)
-        sbi_tangent_project(model, m, F, A);
-    return 1;
-}
 
 #endif /* SB_MATERIAL_H */
 
@@ -5479,21 +4745,23 @@ SB_API const char *sb_check_string(unsigned warning);
  * stress.
  *
  * What a change does to what is there:
- * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources. Where the cells made
+ * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources, and so has a node that
+ *   was moved with sources (along axes that it is supported along only where all of them are). Where the cells made
  *   weigh what those they replace did, the nodes of the cells that changed then get a common rigid velocity, so that
  *   linear and angular momentum are what they were, to rounding. Nodes with supports get none of it; momentum that the
  *   others cannot take (fewer than three, or in one line) goes to the supports.
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others that follow (sb_body_listen): embeddings, contact, needles.
+ * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
+ *   (SB_ERROR_STATE), and they are made anew.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
  * as much again, and they have to be asked for anew. */
@@ -5529,8 +4797,14 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE, SB_ERROR_INDEX (error->node), SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 position, const int *sources,
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
-/* Moves a node in the reference shape; its displacement stays. Its cells change shape, also those not named here. */
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error);
+/* Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node
+ * counts.
+ * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so that
+ *                   the body's motion stays where it was while the node slides through it. count 0: the node keeps the
+ *                   motion it has, a made one that of its sources
+ * Errors as of sb_body_change_add_node. */
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error);
 /* Removes a node in use before the change.
  * heirs, weights  [count] nodes, >= 0, that what refers to the node goes over to; weights sum to 1. 0: nobody */
 SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, const int *heirs, const sb_real *weights,
@@ -6429,7 +5703,8 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
-/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
+ * has weight and gradients of 0, so that loops that only read need not know. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
  * has changed. */
@@ -6439,7 +5714,8 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
-    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    return nodes[0] == nodes[1];
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
@@ -8984,7 +8260,13 @@ SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest
         size[i] = sb_v3_norm(normals[i]);
     for (int i = 0; i < 4; i++)
         for (int j = i + 1; j < 4; j++) {
-            sb_real cosine = -sb_v3_dot(normals[i], normals[j]) / (size[i] * size[j]);
+            sb_real product = size[i] * size[j], cosine;
+            if (!(product > 0)) { /* a face without an area: as bad as can be */
+                *of_smallest = 1;
+                *of_largest = -1;
+                return;
+            }
+            cosine = -sb_v3_dot(normals[i], normals[j]) / product;
             *of_smallest = cosine <= *of_smallest ? *of_smallest : cosine;
             *of_largest = cosine >= *of_largest ? *of_largest : cosine;
         }
@@ -9587,10 +8869,9 @@ static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char
     }
 }
 
-static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+static void sbi_mesh_check_quality(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     sbi_mesh_table table;
-    double area, volume;
     report->worst_element = -1;
     sbi_mesh_table_for_checks(&table, sbi_mesh_element_kind(mesh));
     for (int e = 0; e < mesh->element_count; e++) {
@@ -9600,6 +8881,13 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
             report->worst_quality = quality;
         }
     }
+}
+
+/* One after the other: the tables of both at once would take most of the stack that the header promises to do with. */
+static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
+{
+    double area, volume;
+    sbi_mesh_check_quality(mesh, defect, report);
     sbi_mesh_measure(mesh, defect, &area, &volume);
     report->area = (sb_real)area;
     report->volume = (sb_real)volume;
@@ -9702,15 +8990,11 @@ static int sbi_mesh_is_inverted(const sb_mesh *mesh, const sbi_mesh_table *table
     return volume < 0;
 }
 
-SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+/* Returns the number of elements that it mirrored. */
+static int sbi_mesh_orient_solids(sb_mesh *mesh)
 {
     sbi_mesh_table table;
     int count = 0;
-    sb_result result = sbi_mesh_check_arrays(mesh, error);
-    if (result != SB_OK)
-        return result;
-    if (sb_element_dimension(mesh->element_type) == 2)
-        return sb_mesh_orient_surface(mesh, flipped, error);
     sbi_mesh_table_for_volume(&table, sbi_element_make(sb_element_straight(mesh->element_type), mesh->table));
     for (int e = 0; e < mesh->element_count && mesh->element_type != SB_CUSTOM; e++) {
         if (sbi_mesh_is_inverted(mesh, &table, e)) {
@@ -9718,6 +9002,18 @@ SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
             count++;
         }
     }
+    return count;
+}
+
+SB_API sb_result sb_mesh_orient(sb_mesh *mesh, int *flipped, sb_error *error)
+{
+    int count;
+    sb_result result = sbi_mesh_check_arrays(mesh, error);
+    if (result != SB_OK)
+        return result;
+    if (sb_element_dimension(mesh->element_type) == 2)
+        return sb_mesh_orient_surface(mesh, flipped, error);
+    count = sbi_mesh_orient_solids(mesh);
     if (flipped)
         *flipped = count;
     return SB_OK;
@@ -21292,9 +20588,9 @@ static int sbi_surface_split(sbi_surface_build *b, int begin, int end, int depth
     for (int axis = 0; axis < 3; axis++) {
         float size = high[axis] - low[axis], per_unit, cost;
         int cut = 0;
+        if (!(size * SBI_SURFACE_NO_LIMIT > (float)SBI_SURFACE_BINS))
+            continue; /* flat */
         per_unit = (float)SBI_SURFACE_BINS / size;
-        if (!(size > 0) || !(per_unit < SBI_SURFACE_NO_LIMIT))
-            continue;
         if (end - begin > SBI_SURFACE_MANY && size < longest)
             continue;
         sbi_surface_fill_bins(b, begin, end, axis, low[axis], per_unit, &bins);
@@ -21786,8 +21082,8 @@ static void sbi_surface_far_fields(const sbi_surface_cluster *cluster, const flo
     const float(*f)[SBI_SURFACE_WIDTH] = cluster->f;
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++) {
         float x = f[0][k] - p[0], y = f[1][k] - p[1], z = f[2][k] - p[2], square = x * x + y * y + z * z;
-        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k];
-        float inverse = 1.0f / (square > 0.0f && square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
+        float reach = 4.0f * f[SBI_CLUSTER_RADIUS][k] * f[SBI_CLUSTER_RADIUS][k] + 1.0e-24f; /* cube: no overflow */
+        float inverse = 1.0f / (square >= reach ? square : 1.0f), cube = inverse * (float)sqrt((double)inverse);
         float dipole = x * f[5][k] + y * f[6][k] + z * f[7][k], trace = f[8][k] + f[9][k] + f[10][k];
         float twist = x * x * f[8][k] + y * y * f[9][k] + z * z * f[10][k] +
                       2.0f * (y * z * f[11][k] + x * z * f[12][k] + x * y * f[13][k]);
@@ -22522,7 +21818,8 @@ static sb_real sbi_surface_component(sb_vec3 v, int axis) { return axis == 0 ? v
 
 static void sbi_surface_beam_reach(sbi_surface_beam *beam)
 {
-    sb_real reach = (beam->best - beam->start) * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
+    sb_real way = sb_min(beam->best - beam->start, (sb_real)SBI_SURFACE_NO_LIMIT);
+    sb_real reach = way * (sb_real)1.00001 + (sb_real)SBI_SURFACE_PAD;
     beam->reach = reach < (sb_real)SBI_SURFACE_NO_LIMIT ? (float)reach : SBI_SURFACE_NO_LIMIT;
 }
 
@@ -22545,9 +21842,9 @@ static void sbi_surface_beam_shear(sbi_surface_beam *beam)
 static float sbi_surface_slope(sb_real x)
 {
     float f = (float)x;
-    if (f > 1.0e-30f || f < -1.0e-30f)
+    if (f > 1.0e-20f || f < -1.0e-20f)
         return 1.0f / f;
-    return 1.0e30f;
+    return 1.0e20f; /* times SBI_SURFACE_NOWHERE it is still a float */
 }
 
 /* Sets up a ray; 0 when it has no direction or passes the surface by. */
@@ -26759,6 +26056,758 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/fem/material_models.h ==== */
+/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks what
+ * goes in and comes out.
+ *
+ * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
+ * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. The model is chosen
+ * at run time: loops instantiated for one model were no faster, but for the neo-Hookean force, by a tenth. */
+#ifndef SBI_MATERIAL_MODELS_H
+#define SBI_MATERIAL_MODELS_H
+
+
+/* Row i of a. */
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
+{
+    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
+}
+
+/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
+SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
+{
+    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
+}
+
+/* scale a + shift I */
+SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
+{
+    a = sb_m3_scale(scale, a);
+    for (int i = 0; i < 3; i++)
+        a.m[i][i] += shift;
+    return a;
+}
+
+/* Writes block (i,k) and its mirror image (k,i); i <= k. */
+SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
+{
+    for (int j = 0; j < 3; j++)
+        for (int l = 0; l < 3; l++) {
+            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
+            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
+        }
+}
+
+/* A += weight d (x) d, exactly symmetric. */
+SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
+{
+    for (int p = 0; p < 9; p++) {
+        sb_real scaled = weight * d.m[p / 3][p % 3];
+        for (int q = p; q < 9; q++)
+            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
+    }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
+}
+
+/* ---- linear ---- */
+
+SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
+{
+    sb_mat3 e;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
+    return e;
+}
+
+/* lambda tr(e) I + 2 mu e */
+SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
+{
+    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
+    sb_real pressure = m->lambda * sb_m3_trace(e);
+    for (int i = 0; i < 3; i++)
+        s.m[i][i] += pressure;
+    return s;
+}
+
+/* lambda/2 tr(e)^2 + mu e:e */
+SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
+{
+    sb_real trace = sb_m3_trace(e);
+    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
+}
+
+/* ---- corotated ---- */
+
+/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
+typedef struct sbi_corotation {
+    sb_mat3 r;
+    sb_vec3 s;
+    sb_mat3 v;
+} sbi_corotation;
+
+SBI_FORCE_INLINE sbi_corotation sbi_corotate(int model, const sb_mat3 *F, sb_quat *rotation)
+{
+    sbi_corotation c;
+    if (model == SB_COROTATED_INVERTIBLE) {
+        sb_mat3 u;
+        sb_m3_svd(*F, &u, &c.s, &c.v);
+        c.r = sb_m3_mult(u, c.v);
+    } else {
+        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
+        c.r = sb_quat_to_mat3(q);
+        if (rotation)
+            *rotation = q;
+        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
+        c.v = sb_m3_zero();
+    }
+    return c;
+}
+
+/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
+    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
+}
+
+SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 d = sb_m3_sub(*F, *r);
+    sb_real trace = sb_m3_ddot(*r, *F) - 3;
+    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
+}
+
+/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
+ *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
+ * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
+ * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
+
+/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
+SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
+
+/* Z from the eigen-decomposition S = V diag(s) V^T. */
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
+                                          sb_tangent_kind kind)
+{
+    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
+    sb_mat3 spin;
+    z[0] = mu + kappa / sb_max(s.y + s.z, least);
+    z[1] = mu + kappa / sb_max(s.x + s.z, least);
+    z[2] = mu + kappa / sb_max(s.x + s.y, least);
+    if (kind != SB_TANGENT_EXACT)
+        for (int k = 0; k < 3; k++)
+            z[k] = sb_max(z[k], 0);
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            spin.m[i][j] = spin.m[j][i] =
+                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
+    return spin;
+}
+
+/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
+ * rotation is nearly not unique. */
+SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
+{
+    sb_real trace = sb_m3_trace(stretch);
+    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
+    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
+    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
+        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
+        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
+            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
+        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
+            return sb_m3_zero();
+    }
+    sb_vec3 s;
+    sb_mat3 v;
+    sb_m3_eigen(stretch, &s, &v);
+    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
+}
+
+/* sym(R^T F) */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 s = sb_m3_tmul(*r, *F);
+    for (int i = 0; i < 3; i++)
+        for (int j = i + 1; j < 3; j++)
+            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
+    return s;
+}
+
+/* [r]x m: column c is r x (column c of m). */
+SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
+{
+    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
+                         sb_v3_cross(r, sb_m3_column(m, 2)));
+}
+
+/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
+SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
+{
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ri = sbi_material_row(&r, i);
+        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
+        for (int k = i; k < 3; k++) {
+            sb_vec3 rk = sbi_material_row(&r, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
+            if (i == k)
+                block = sbi_material_affine(1, block, m->mu);
+            if (spin)
+                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    sbi_corotation c = sbi_corotate(model, F, rotation);
+    sb_real kappa;
+    sb_mat3 spin;
+    if (kind == SB_TANGENT_QUASI) {
+        sbi_corotated_assemble(m, c.r, NULL, A);
+        return;
+    }
+    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
+    if (model == SB_COROTATED_INVERTIBLE)
+        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
+    else
+        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
+    sbi_corotated_assemble(m, c.r, &spin, A);
+}
+
+/* Hooke's tangent: the rotated one at R = I. */
+SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
+{
+    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
+}
+
+/* ---- St.Venant-Kirchhoff ---- */
+
+/* E = (F^T F - I)/2 */
+SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
+{
+    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
+}
+
+/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
+SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
+            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
+        }
+    }
+}
+
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
+
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
+typedef struct sbi_barrier {
+    sb_mat3 b;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
+} sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_at(int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    if (!(J > 0))
+        return 0;
+    out->J = J;
+    out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
+    if (model == SB_NEO_HOOKEAN) {
+        out->alpha = m->mu;
+        out->beta = 0;
+        out->gamma = m->lambda;
+        out->epsilon = m->mu - m->lambda * sb_log(J);
+    } else {
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
+    }
+    return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
+}
+
+SBI_FORCE_INLINE int sbi_barrier_stress(int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
+    return 1;
+}
+
+SBI_FORCE_INLINE int sbi_barrier_energy(int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
+{
+    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
+    if (!(J > 0))
+        return 0;
+    if (model == SB_NEO_HOOKEAN) {
+        sb_real log_J = sb_log(J);
+        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
+    } else {
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
+    }
+    return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c.b, i);
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
+            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
+                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
+            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
+            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
+        }
+    }
+    return 1;
+}
+
+/* ---- stable neo-Hookean ---- */
+
+/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
+SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
+}
+
+SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
+{
+    sb_real growth = sb_m3_det(*F) - 1;
+    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
+           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
+}
+
+/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
+ * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
+SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 c = sb_m3_cofactor(*F);
+    sb_real stiffness = m->lambda + m->mu;
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
+        for (int k = i; k < 3; k++) {
+            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
+            if (i == k) {
+                block = sbi_material_affine(1, block, m->mu);
+            } else {
+                int n = 3 - i - k;
+                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
+                for (int j = 0; j < 3; j++) {
+                    int l = (j + 1) % 3, p = (j + 2) % 3;
+                    block.m[j][l] += signed_q * F->m[n][p];
+                    block.m[l][j] -= signed_q * F->m[n][p];
+                }
+            }
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
+
+/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
+SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
+{
+    sb_real lower[9][9], largest = 0, tolerance;
+    for (int r = 0; r < 9; r++) {
+        largest = sb_max(largest, A[10 * r]);
+        for (int c = 0; c <= r; c++)
+            lower[r][c] = A[9 * r + c];
+    }
+    tolerance = 32 * SB_EPSILON * largest;
+    for (int c = 0; c < 9; c++) {
+        sb_real pivot = lower[c][c];
+        if (pivot > tolerance) {
+            for (int r = c + 1; r < 9; r++) {
+                sb_real factor = lower[r][c] / pivot;
+                for (int q = c + 1; q <= r; q++)
+                    lower[r][q] -= factor * lower[q][c];
+            }
+            continue;
+        }
+        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
+        if (!(pivot >= -tolerance))
+            return 0;
+        for (int r = c + 1; r < 9; r++)
+            if (!(sb_abs(lower[r][c]) <= tolerance))
+                return 0;
+    }
+    return 1;
+}
+
+/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
+ * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
+typedef struct sbi_principal {
+    sb_mat3 stretch;
+    sb_real same[3], cross[3];
+} sbi_principal;
+
+SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
+    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
+        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
+        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
+        out->cross[i] = m->mu * s[j] * s[k];
+    }
+}
+
+/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
+SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
+{
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
+        out->stretch.m[j][k] = out->stretch.m[k][j] =
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
+    }
+}
+
+SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
+        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
+        out->same[i] = m->mu;
+        out->cross[i] = -q * s[i];
+    }
+}
+
+/* The principal form of a hyperelastic model's tangent; F is admissible. */
+SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F,
+                                       const sb_real *s, sbi_principal *out)
+{
+    sbi_barrier c;
+    if (model == SB_SVK)
+        sbi_principal_svk(m, s, out);
+    else if (model == SB_STABLE_NEO_HOOKEAN)
+        sbi_principal_stable(m, s, out);
+    else if (sbi_barrier_at(model, m, F, &c))
+        sbi_principal_barrier(&c, s, out);
+}
+
+/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
+SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    sb_vec3 values;
+    sb_mat3 modes;
+    sb_m3_eigen(stretch, &values, &modes);
+    const sb_real scaling[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++) {
+        sb_mat3 scaled = u;
+        if (!(scaling[k] < 0))
+            continue;
+        for (int c = 0; c < 3; c++)
+            for (int r = 0; r < 3; r++)
+                scaled.m[r][c] *= modes.m[c][k];
+        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
+    }
+}
+
+/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
+ * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
+ * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
+ * care (Smith et al. 2019). */
+SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
+        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
+        sb_real twist = principal->same[k] - principal->cross[k];
+        sb_real flip = principal->same[k] + principal->cross[k];
+        if (twist < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
+        if (flip < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
+    }
+    if (!sbi_material_is_positive(principal->stretch))
+        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
+}
+
+/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
+SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    if (sbi_tangent_is_semidefinite(A))
+        return;
+    sb_mat3 u, v;
+    sb_vec3 stretches;
+    sbi_principal principal;
+    sb_m3_svd(*F, &u, &stretches, &v);
+    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
+    sbi_principal_at(model, m, F, s, &principal);
+    sbi_tangent_lift(&principal, u, v, A);
+}
+
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
+/* ---- by model ---- */
+
+SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_real *W)
+{
+    switch (model) {
+    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *W = sbi_corotated_energy(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
+    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_mat3 *P)
+{
+    switch (model) {
+    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *P = sbi_corotated_stress(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
+    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    switch (model) {
+    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
+    case SB_SVK: sbi_svk_tangent(m, F, A); break;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
+        if (!sbi_barrier_tangent(model, m, F, A))
+            return 0;
+        break;
+    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
+    default: return 0;
+    }
+    if (kind != SB_TANGENT_EXACT)
+        sbi_tangent_project(model, m, F, A);
+    return 1;
+}
+
+#endif /* SBI_MATERIAL_MODELS_H */
+
 /* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 
@@ -27081,7 +27130,7 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real energy = 0;
     if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_energy_inline((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
+        !sbi_model_energy((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
         return 0;
     *W = energy;
     if (rotation)
@@ -27094,7 +27143,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_stress_inline((int)material->model, material, F, &q, &stress) ||
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
         !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
@@ -27109,7 +27158,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
     if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_tangent_inline((int)material->model, material, F, &q, kind, tangent) ||
+        !sbi_model_tangent((int)material->model, material, F, &q, kind, tangent) ||
         !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
@@ -27139,7 +27188,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_real energy = 0;
     if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -27150,7 +27199,7 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
     if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -27161,7 +27210,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
     sb_vec3 unit;
     sb_real tangent[81] = {0};
     if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -28266,6 +28315,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* The same of rows. */
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
@@ -28963,6 +29014,11 @@ SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
 {
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->row_capacity : matrix->row_count;
 }
 
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
@@ -39687,8 +39743,7 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 
 static void sbi_domain_blank(sb_domain *domain, int e)
 {
-    for (int a = 0; a < 4; a++)
-        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->cells + 4 * (size_t)e, 0, 4 * sizeof(int));
     memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
     domain->weights[e] = 0;
 }
@@ -41469,6 +41524,9 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Memory for another matrix of the same nodes, and its maps. */
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
 SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
 
 /* Place of a pair in pair_next. */
@@ -41697,13 +41755,7 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin;
-        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
-            for (int k = 0; k < 3 * (n - 1); k++)
-                d[k][l] = 0;
-            continue;
-        }
-        origin = u[cell[0]];
+        sb_vec3 origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -41766,7 +41818,7 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
-        if (cell[0] < 0)
+        if (cell[0] == cell[1]) /* a free slot: node 0 may be at work on another thread */
             continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
@@ -42338,7 +42390,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
@@ -42457,10 +42509,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
+{
+    return !assembly->domain->cell_capacity && sbi_batch_fits(assembly->domain);
+}
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->live) {
+        sbi_assembly_map_rows(assembly, matrix);
+        return;
+    }
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
@@ -42724,7 +42783,7 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
         if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -42744,7 +42803,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
     }
@@ -42775,7 +42834,7 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
     if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -42853,7 +42912,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
-        if (cell[0] < 0)
+        if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
@@ -43243,7 +43302,7 @@ static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, co
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {
@@ -43602,7 +43661,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
     sbi_assembly_live *live = assembly->live;
     int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
-        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;
             live->chunk_nodes[first + count++] = cells[k];
         }
@@ -43613,6 +43672,12 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
@@ -43620,12 +43685,10 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     for (int i = 0; i < live->node_capacity; i++)
         live->corner_first[i] = -1;
     for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        int node = domain->cells[corner];
-        if (node >= 0)
-            sbi_ring_add(live, node, corner);
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
     }
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
+    sbi_assembly_map_rows(assembly, matrix);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
@@ -43723,13 +43786,13 @@ static int sbi_assembly_grow_memory(sbi_assembly *assembly)
 }
 
 /* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
 {
     sbi_assembly_live *live = assembly->live, grown = *live;
     size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = matrix->live->row_capacity;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = matrix->live->block_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
@@ -43744,6 +43807,15 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
 }
 
 /* Places to keep what parents have; 0: no memory. */
@@ -44764,8 +44836,14 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
 
 
 /* ---- readings ---- */
-SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed */
-SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed */
+SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed, free cells among the others */
+SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, free cells among the others */
+/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does. Release
+ * with sb_mesh_free. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+/* SB_ERROR_STATE unless the body's mesh is what it was when sb_body_mesh_version gave `version`. For those that do not
+ * follow a change of the mesh, before they use what they know of it. */
+SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
@@ -45213,6 +45291,8 @@ typedef struct sbi_live {
     sbi_slots nodes, cells;
     sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
     sb_quadrature_kind rule;  /* of the domain's points */
+    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;             /* of the def */
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -45258,6 +45338,11 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
 SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Matrix, and the body's cells of each node, as ones that follow; others stay as they are. */
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error);
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
+/* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
+SBI_API void sbi_live_label_nodes(sb_body *body);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -45268,6 +45353,36 @@ SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
     return body->live ? density * body->live->shares[cell] : density;
 }
 SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
+/* Cells and parts that arrays have room for. */
+SB_INLINE int sbi_live_cell_room(const sb_body *body)
+{
+    return body->live ? body->live->cells.capacity : body->domain.cell_count;
+}
+SB_INLINE int sbi_live_part_room(const sb_body *body) /* a part has a cell */
+{
+    return sbi_live_follows(body) ? body->node_capacity / body->domain.nodes_per_cell + 1 : body->component_count;
+}
+
+/* Walks the cells of a node in ascending order: `at` from sbi_live_first_cell on by sbi_live_next_cell until it is < 0;
+ * sbi_live_cell_of(body, at) is the cell. */
+SB_INLINE int sbi_live_first_cell(const sb_body *body, int node)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    if (body->assembly.live)
+        return body->assembly.live->corner_first[node];
+    return lists->offsets[node] < lists->offsets[node + 1] ? lists->offsets[node] : -1;
+}
+SB_INLINE int sbi_live_next_cell(const sb_body *body, int node, int at)
+{
+    if (body->assembly.live)
+        return body->assembly.live->corner_next[at];
+    return at + 1 < body->node_elements.offsets[node + 1] ? at + 1 : -1;
+}
+SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
+{
+    return body->assembly.live ? at / 4 : body->node_elements.items[at];
+}
 
 #endif /* SB_LIVE_PRIVATE_H */
 
@@ -45280,7 +45395,7 @@ SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->l
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
-    int first, count;  /* sources (numbers before the change) or heirs among the entries */
+    int first, count;  /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
     int flags;
     int dropped;       /* 1: made and removed again */
     sb_vec3 position;
@@ -45316,9 +45431,10 @@ struct sb_body_change {
 typedef struct sbi_change_lists {
     void *memory;
     int *made_nodes, *source_start, *sources, *removed_nodes, *heir_start, *heirs, *moved_nodes;
+    int *moved_start, *moved_sources;
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
-    sb_real *source_weights, *heir_weights, *made_shares, *reshaped_shares;
+    sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
 } sbi_change_lists;
 
@@ -45463,7 +45579,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
         sbi_free(&body->allocator, copy);
         copy = NULL;
     } else if (!copy) {
-        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
     }
@@ -45617,7 +45733,7 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
     if (!body->damping_blocks)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
     return SB_OK;
@@ -45948,13 +46064,15 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
     result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
                               error);
     sbi_free(&body->allocator, start);
+    if (result == SB_OK)
+        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
 static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
 {
-    size_t blocks = (size_t)pattern->matrix.block_count;
+    size_t blocks = (size_t)sbi_matrix_capacity(&pattern->matrix);
     if (body->mass_blocks)
         pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
     if (sbi_assembly_has_pairs(&body->assembly))
@@ -45965,7 +46083,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
                                             sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = pattern->matrix.block_count;
+    int most = sbi_matrix_capacity(&pattern->matrix);
     const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
@@ -46018,6 +46136,8 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
                                     &pattern->precond, error);
@@ -46188,12 +46308,11 @@ static int sbi_body_is_reversed(const int *a, const int *b, int corners)
 /* Finds the element face with these corner nodes; 0 when there is none. */
 static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
 {
-    const sb_index_lists *lists = &body->node_elements;
     sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         for (int face = 0; face < sbi_element_face_count(element); face++) {
             int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
             sb_element_type face_type = SB_NO_ELEMENT;
@@ -46269,7 +46388,7 @@ static int sbi_body_row_length(const sb_body *body, int node)
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int most = body->matrix.block_count, capacity;
+    int most = sbi_matrix_capacity(&body->matrix), capacity;
     void *blocks;
     if (needed <= body->support_capacity)
         return SB_OK;
@@ -46287,7 +46406,7 @@ SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
  * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = body->support_used, most = body->matrix.block_count;
+    int needed = body->support_used, most = sbi_matrix_capacity(&body->matrix);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
@@ -46700,7 +46819,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
     }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
 
 /* ---- motion ---- */
 
@@ -46968,11 +47087,9 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain;
-    const sb_index_lists *lists;
     if (!body || !values)
         return;
     domain = &body->domain;
-    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -46982,8 +47099,8 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
     for (int i = 0; i < domain->node_count; i++) {
         sb_real volume = 0;
-        for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            volume += sbi_body_element_volume(body, lists->items[k]);
+        for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at))
+            volume += sbi_body_element_volume(body, sbi_live_cell_of(body, at));
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }
@@ -47076,15 +47193,18 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
     int local[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < corners; a++)
         local[a] = a;
-    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
-        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+    for (int at = sbi_live_first_cell(body, cell[0]); at >= 0; at = sbi_live_next_cell(body, cell[0], at)) {
+        int e = sbi_live_cell_of(body, at);
+        if (e >= element)
+            return 0;
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)e * (size_t)n, local, corners))
             return 1;
+    }
     return 0;
 }
 
@@ -47339,11 +47459,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 /* The same for what depends on cells, parts and the matrix. */
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
-    size_t parts = (size_t)body->component_count;
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -47442,19 +47562,29 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-SBI_API void sbi_body_label_nodes(sb_body *body)
+static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
         body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        if (lonely) /* it would make every system singular */
+        if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
         else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
@@ -47473,7 +47603,7 @@ SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
     body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(&body->allocator, node_colours);
-    return SB_OK;
+    return sbi_live_make_assembly(body, error);
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
@@ -47496,11 +47626,12 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
     if (result == SB_OK)
         result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
+    body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -48734,8 +48865,8 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
-/* ==== src/softbody/body/live_mesh.c ==== */
-/* live_mesh: slots, readings and listeners of a mesh that may change. */
+/* ==== src/softbody/body/live_slots.c ==== */
+/* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
 
 #include <string.h>
 
@@ -48816,6 +48947,31 @@ static int sbi_live_with_slack(int count, sb_real slack)
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
 }
 
+/* Slack of a matrix with as much room for rows as the body has for nodes. */
+static double sbi_live_matrix_slack(const sb_body *body, const sb_matrix *matrix)
+{
+    double slack = (double)body->node_capacity / (double)matrix->row_count - 1 + 1e-6;
+    return slack > body->live->slack ? slack : body->live->slack;
+}
+
+/* Room for more cells in what is there already. */
+static sb_result sbi_live_take_cells(sb_body *body, sb_error *error)
+{
+    int capacity = body->live->cells.capacity, *material;
+    sb_result result = SB_OK;
+    if (body->live->follows)
+        result = sbi_domain_make_live(&body->domain, capacity, error);
+    if (result != SB_OK)
+        return result;
+    material = (int *)sbi_alloc_zeroed(&body->allocator, (size_t)capacity, sizeof(int));
+    if (!material)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", capacity);
+    memcpy(material, body->cell_material, (size_t)body->domain.cell_count * sizeof(int));
+    sbi_free(&body->allocator, body->cell_material);
+    body->cell_material = material;
+    return sbi_live_make_matrix(body, &body->matrix, error);
+}
+
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
@@ -48845,8 +49001,50 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
                      ? SB_QUADRATURE_STIFFNESS
                      : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
-    return SB_OK;
+    live->slack = (double)def->slack;
+    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    return sbi_live_take_cells(body, error);
 }
+
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
+{
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    return sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
+                                sbi_live_matrix_slack(body, matrix), error);
+}
+
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
+{
+    sb_result result;
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
+    if (result == SB_OK)
+        sb_index_lists_free(&body->node_elements); /* rings take their place */
+    return result;
+}
+
+SBI_API void sbi_live_label_nodes(sb_body *body)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int lonely = -1; /* the part of all nodes that are coupled with no other */
+    for (int i = 0; i < matrix->row_count && lonely < 0; i++)
+        if (sbi_live_first_cell(body, i) < 0)
+            lonely = matrix->live->part_of[i];
+    body->component_count = matrix->part_count - (lonely >= 0);
+    for (int i = 0; i < matrix->row_count; i++) {
+        int part = matrix->live->part_of[i];
+        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+    }
+}
+
+/* ==== src/softbody/body/live_mesh.c ==== */
+/* live_mesh: readings and listeners of a mesh that may change. */
+
+#include <string.h>
+
+/* ---- what a body has of it ---- */
 
 SBI_API void sbi_live_destroy(sb_body *body)
 {
@@ -49021,10 +49219,9 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     return SB_OK;
 }
 
-/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
-static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+/* Motion of free nodes, and mass and elements of all; mass: summed anew; *listed: counts the elements. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, size_t *listed, sb_error *error)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
     sb_vec3 u = body->displacement[i], v = body->velocity[i];
     if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
@@ -49033,13 +49230,14 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
         return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
                              (double)body->lumped_mass[i], (double)mass);
-    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        int found = 0;
+    for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at)) {
+        int e = sbi_live_cell_of(body, at), found = 0;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        ++*listed;
         for (int a = 0; a < n; a++)
             found |= cell[a] == i;
-        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+        if (!found || !sb_body_cell_in_use(body, e))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, e);
     }
     return SB_OK;
 }
@@ -49048,7 +49246,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_real *mass;
-    size_t used = 0;
+    size_t used = 0, listed = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -49076,11 +49274,13 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
-    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
-        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
-                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
-        result = sbi_live_check_node(body, i, mass[i], error);
+        result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && used != listed)
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
+                          (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
     return result;
 }
@@ -49101,7 +49301,8 @@ enum {
     SBI_CHANGE_REMOVE_NODE = 3,
     SBI_CHANGE_ADD_CELL = 4,
     SBI_CHANGE_REPLACE_CELL = 5,
-    SBI_CHANGE_REMOVE_CELL = 6
+    SBI_CHANGE_REMOVE_CELL = 6,
+    SBI_CHANGE_SLIDE_NODE = 7 /* a move with sources */
 };
 
 SB_API sb_change_cell sb_default_change_cell(void)
@@ -49368,9 +49569,11 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     return SB_OK;
 }
 
-SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, sb_error *error)
+SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
+                                          const sb_real *weights, int count, sb_error *error)
 {
     sbi_changed_node *made, *moved = NULL;
+    int first;
     sb_result result;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_move_node needs a change");
@@ -49378,9 +49581,13 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         return sbi_fail_node(error, SB_ERROR_NOT_FINITE, node, "the new place of node %d is not finite", node);
     if (!sbi_slots_is_used(&change->nodes, node))
         return sbi_fail_node(error, SB_ERROR_INDEX, node, "node %d is not in use", node);
-    result = sbi_change_reserve(change, 0, error);
+    result = sbi_change_check_list(change, sources, weights, count, "sources", error);
+    if (result == SB_OK)
+        result = sbi_change_reserve(change, sbi_max_int(count, sbi_change_expanded(change, sources, count)), error);
     if (result != SB_OK)
         return result;
+    first = change->entries.count;
+    sbi_change_expand(change, sources, weights, count);
     made = sbi_change_made_node(change, node);
     for (int i = 0; i < change->moved_nodes.count && !made; i++)
         if (change->moved_nodes.items[i].node == node)
@@ -49390,9 +49597,16 @@ SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_v
         memset(moved, 0, sizeof *moved);
         moved->node = node;
     }
-    (made ? made : moved)->position = position;
-    sbi_change_log_int(change, SBI_CHANGE_MOVE_NODE);
+    moved = made ? made : moved;
+    moved->position = position;
+    if (count || !made) {
+        moved->first = first;
+        moved->count = change->entries.count - first;
+    }
+    sbi_change_log_int(change, count ? SBI_CHANGE_SLIDE_NODE : SBI_CHANGE_MOVE_NODE);
     sbi_change_log_int(change, node);
+    if (count)
+        sbi_change_log_list(change, sources, weights, count);
     sbi_change_log_vector(change, position);
     return SB_OK;
 }
@@ -49643,9 +49857,10 @@ static sb_result sbi_change_replay_call(sb_body_change *change, sbi_change_reade
                    : sb_body_change_remove_node(change, flag, list, weights, count, error);
     }
     number = call != SBI_CHANGE_ADD_CELL ? sbi_change_next_int(reader) : -1;
-    if (call == SBI_CHANGE_MOVE_NODE) {
+    if (call == SBI_CHANGE_MOVE_NODE || call == SBI_CHANGE_SLIDE_NODE) {
+        count = call == SBI_CHANGE_SLIDE_NODE ? sbi_change_next_list(reader, &list, &weights) : 0;
         v = sbi_change_next_vector(reader);
-        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, error);
+        return reader->bad ? SB_OK : sb_body_change_move_node(change, number, v, list, weights, count, error);
     }
     if (call == SBI_CHANGE_ADD_CELL || call == SBI_CHANGE_REPLACE_CELL) {
         sb_change_cell cell = sb_default_change_cell();
@@ -49707,6 +49922,9 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
     lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->moved_start = (int *)sbi_arena_take(arena, moved + 1, sizeof(int));
+    lists->moved_sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
+    lists->moved_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->removed_cells = (int *)sbi_arena_take(arena, gone, sizeof(int));
     lists->removed_cell_nodes = (int *)sbi_arena_take(arena, gone, n * sizeof(int));
     lists->made_cells = (int *)sbi_arena_take(arena, come, sizeof(int));
@@ -49720,13 +49938,25 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
 /* Upper bound of the cells that a moved node reshapes. */
 static int sbi_change_count_reshaped(const sb_body_change *change)
 {
-    const sb_index_lists *lists = &change->body->node_elements;
+    const sb_body *body = change->body;
     int64_t count = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        count += lists->offsets[node + 1] - lists->offsets[node];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+            count++;
     }
     return count < INT32_MAX ? (int)count : INT32_MAX;
+}
+
+/* Lists a record's sources or heirs; returns the end of the list. */
+static int sbi_change_list_entries(const sb_body_change *change, const sbi_changed_node *node, int end, int *nodes,
+                                   sb_real *weights)
+{
+    for (int k = 0; k < node->count; k++, end++) {
+        nodes[end] = change->entries.items[node->first + k].node;
+        weights[end] = change->entries.items[node->first + k].weight;
+    }
+    return end;
 }
 
 static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
@@ -49739,10 +49969,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         lists->made_nodes[out->made_node_count] = node->node;
         lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
         lists->source_start[out->made_node_count++] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->sources[entries] = change->entries.items[node->first + k].node;
-            lists->source_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
     }
     lists->source_start[out->made_node_count] = entries;
     entries = 0;
@@ -49750,18 +49977,20 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         const sbi_changed_node *node = change->removed_nodes.items + i;
         lists->removed_nodes[i] = node->node;
         lists->heir_start[i] = entries;
-        for (int k = 0; k < node->count; k++, entries++) {
-            lists->heirs[entries] = change->entries.items[node->first + k].node;
-            lists->heir_weights[entries] = change->entries.items[node->first + k].weight;
-        }
+        entries = sbi_change_list_entries(change, node, entries, lists->heirs, lists->heir_weights);
     }
     out->removed_node_count = change->removed_nodes.count;
     lists->heir_start[out->removed_node_count] = entries;
     out->moved_node_count = change->moved_nodes.count;
+    entries = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
-        lists->moved_nodes[i] = change->moved_nodes.items[i].node;
-        lists->moved_from[i] = change->body->reference[change->moved_nodes.items[i].node];
+        const sbi_changed_node *node = change->moved_nodes.items + i;
+        lists->moved_nodes[i] = node->node;
+        lists->moved_from[i] = change->body->reference[node->node];
+        lists->moved_start[i] = entries;
+        entries = sbi_change_list_entries(change, node, entries, lists->moved_sources, lists->moved_weights);
     }
+    lists->moved_start[out->moved_node_count] = entries;
 }
 
 static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
@@ -49791,11 +50020,11 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
                                      sb_mesh_change *out)
 {
-    const sb_index_lists *elements = &change->body->node_elements;
+    const sb_body *body = change->body;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
-            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
             if (!stays)
@@ -49920,6 +50149,9 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->heir_weights = lists->heir_weights;
     out->moved_nodes = lists->moved_nodes;
     out->moved_from = lists->moved_from;
+    out->moved_start = lists->moved_start;
+    out->moved_sources = lists->moved_sources;
+    out->moved_weights = lists->moved_weights;
     out->removed_cells = lists->removed_cells;
     out->removed_cell_nodes = lists->removed_cell_nodes;
     out->made_cells = lists->made_cells;
@@ -50100,11 +50332,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     sb_domain *domain = &next->domain;
     sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     next->live = live;
+    cells = (size_t)mesh->cells.capacity;
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
+    domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
@@ -50112,7 +50346,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
-        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+        next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
@@ -50121,7 +50355,10 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
+    live->follows = body->live->follows;
+    live->slack = body->live->slack;
     live->version = body->live->version + 1;
     next->node_capacity = live->nodes.capacity;
     next->material_count = body->material_count;
@@ -50190,18 +50427,23 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);
     if (result == SB_OK)
+        result = sbi_live_make_matrix(next, &next->matrix, error);
+    if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
+    next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
     if (result == SB_OK)
         result = sbi_body_take_topology(next, error);
     if (result != SB_OK)
         return result;
     memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    result = sbi_body_prepare_assembly(next, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_label_nodes(next);
     result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(next, error);
+        result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
@@ -50257,28 +50499,78 @@ static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE
     memcpy(vectors, list, sizeof list);
 }
 
-/* The weighted sum of the sources of made node `index`. */
-static sb_vec3 sbi_live_interpolate(const sbi_mesh_change *change, int index, const sb_vec3 *values)
+/* Sources of one node. */
+typedef struct sbi_live_sources {
+    int count;
+    const int *nodes;
+    const sb_real *weights;
+} sbi_live_sources;
+
+static sbi_live_sources sbi_live_get_sources(const int *start, int index, const int *nodes, const sb_real *weights)
 {
-    sb_vec3 sum = sb_v3(0, 0, 0), first = values[change->sources[change->source_start[index]]];
+    sbi_live_sources sources;
+    sources.count = start[index + 1] - start[index];
+    sources.nodes = nodes + start[index];
+    sources.weights = weights + start[index];
+    return sources;
+}
+
+/* The weighted sum of at least one source. */
+static sb_vec3 sbi_live_interpolate(const sbi_live_sources *sources, const sb_vec3 *values)
+{
+    sb_vec3 sum = sb_v3(0, 0, 0), first = values[sources->nodes[0]];
     /* from the first source, so that what is the same for all stays the same to the last bit */
-    for (int k = change->source_start[index] + 1; k < change->source_start[index + 1]; k++)
-        sum = sb_v3_madd(sum, change->source_weights[k], sb_v3_sub(values[change->sources[k]], first));
+    for (int k = 1; k < sources->count; k++)
+        sum = sb_v3_madd(sum, sources->weights[k], sb_v3_sub(values[sources->nodes[k]], first));
     return sb_v3_add(first, sum);
+}
+
+/* The axes along which all sources are supported; nodes without a cell are held for another reason. */
+static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources *sources)
+{
+    unsigned axes = SB_XYZ;
+    for (int k = 0; k < sources->count; k++)
+        axes &= body->node_component[sources->nodes[k]] < 0 ? 0u : (unsigned)body->fixed[sources->nodes[k]];
+    return axes;
 }
 
 /* A node made: motion of its sources, and their supports unless it is a copy. */
 static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
 {
-    int node = change->made_nodes[index], first = change->source_start[index], end = change->source_start[index + 1];
-    unsigned axes = change->made_copies[index] ? 0 : SB_XYZ;
-    for (int k = first; k < end; k++) /* nodes without a cell are held for another reason */
-        axes &= body->node_component[change->sources[k]] < 0 ? 0u : (unsigned)body->fixed[change->sources[k]];
-    next->displacement[node] = sbi_live_interpolate(change, index, body->displacement);
-    next->velocity[node] = sbi_live_interpolate(change, index, body->velocity);
-    next->acceleration[node] = sbi_live_interpolate(change, index, body->acceleration);
-    next->target[node] = axes ? sbi_live_interpolate(change, index, body->target) : sb_v3(0, 0, 0);
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
+    int node = change->made_nodes[index];
+    unsigned axes = change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources);
+    next->displacement[node] = sbi_live_interpolate(&sources, body->displacement);
+    next->velocity[node] = sbi_live_interpolate(&sources, body->velocity);
+    next->acceleration[node] = sbi_live_interpolate(&sources, body->acceleration);
+    next->target[node] = axes ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
     next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+}
+
+/* The components of b along the axes, and those of a along the others. */
+static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
+{
+    return sb_v3(axes & SB_X ? b.x : a.x, axes & SB_Y ? b.y : a.y, axes & SB_Z ? b.z : a.z);
+}
+
+/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
+static void sbi_live_carry_moved(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+{
+    sbi_live_sources sources =
+        sbi_live_get_sources(change->moved_start, index, change->moved_sources, change->moved_weights);
+    int node = change->moved_nodes[index];
+    unsigned held = next->fixed[node], both, free;
+    if (!sources.count)
+        return;
+    both = held & sbi_live_common_axes(body, &sources);
+    free = SB_XYZ & (~held | both);
+    next->displacement[node] = sbi_live_select(free, next->displacement[node],
+                                               sbi_live_interpolate(&sources, body->displacement));
+    next->velocity[node] = sbi_live_select(free, next->velocity[node], sbi_live_interpolate(&sources, body->velocity));
+    next->acceleration[node] = sbi_live_select(free, next->acceleration[node],
+                                               sbi_live_interpolate(&sources, body->acceleration));
+    next->target[node] = sbi_live_select(both, next->target[node], sbi_live_interpolate(&sources, body->target));
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
@@ -50301,6 +50593,8 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
             to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
     for (int i = 0; i < change->made_node_count; i++)
         sbi_live_carry_made(body, change, i, next);
+    for (int i = 0; i < change->moved_node_count; i++)
+        sbi_live_carry_moved(body, change, i, next);
     for (int i = 0; i < change->removed_node_count; i++)
         for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
             sb_vec3 force = body->dead_load[change->removed_nodes[i]];
@@ -50759,10 +51053,9 @@ static void sbi_live_rows_close(sbi_live_rows *rows)
 /* 1 when a cell of the next mesh has all nodes of the list. */
 static int sbi_live_share_cell(const sb_body *body, const int *nodes, int count)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[nodes[0]]; k < lists->offsets[nodes[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         int found = 0;
         for (int i = 0; i < count; i++)
             for (int a = 0; a < n; a++)
@@ -57067,6 +57360,42 @@ SBI_API sb_mesh sbi_body_shape(const sb_body *body)
     return mesh;
 }
 
+/* Cells in use, in the order of their slots. */
+static void sbi_body_copy_cells(const sb_body *body, sb_mesh *mesh)
+{
+    size_t width = (size_t)body->domain.nodes_per_cell;
+    for (int e = 0; e < body->domain.cell_count; e++)
+        if (sb_body_cell_in_use(body, e))
+            memcpy(mesh->elements + (size_t)mesh->element_count++ * width, body->domain.cells + (size_t)e * width,
+                   width * sizeof(int));
+}
+
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+{
+    sb_mesh made = sbi_body_mesh(body);
+    made.allocator = *allocator;
+    made.element_count = 0;
+    made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
+    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count,
+                                     (size_t)body->domain.nodes_per_cell * sizeof(int));
+    if (!made.nodes || !made.elements) {
+        sb_mesh_free(&made);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
+    }
+    sbi_body_copy_cells(body, &made);
+    for (int i = 0; i < made.node_count; i++)
+        made.nodes[i] = body->reference[sb_body_node_in_use(body, i) ? i : made.elements[0]];
+    *mesh = made;
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error)
+{
+    if (sb_body_mesh_version(body) == version)
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_STATE, "the body's mesh has changed since: make this anew");
+}
+
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
@@ -57076,9 +57405,13 @@ SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body) { return body->targ
 SBI_API sb_real sbi_body_young(const sb_body *body)
 {
     double sum = 0;
+    int count = 0;
     for (int e = 0; e < body->domain.cell_count; e++)
-        sum += (double)sb_material_young(body->materials + body->cell_material[e]);
-    return (sb_real)(sum / (double)body->domain.cell_count);
+        if (sb_body_cell_in_use(body, e)) {
+            sum += (double)sb_material_young(body->materials + body->cell_material[e]);
+            count++;
+        }
+    return (sb_real)(sum / (double)count);
 }
 
 /* ---- shapes ---- */
