@@ -524,7 +524,7 @@ static void rest_after(sb_integrator integrator, double damping, double step)
         ndl_needle_base_wrench(s.needles[0], &later, NULL);
         quiet = whole_energy(&s);
         CHECK(quiet < energy + 0.002 * most);
-        if (damping > 0)
+        if (integrator != SB_NEWMARK) /* whose force goes on to ring, as needle.h says */
             CHECK(sb_v3_norm(sb_v3_sub(force, later)) < REAL(2e-3) * sb_v3_norm(force));
         CHECK_INT(s.info.operations, 0);
     }
@@ -533,7 +533,8 @@ static void rest_after(sb_integrator integrator, double damping, double step)
 
 static void test_rest(void)
 {
-    rest_after(SB_NEWMARK, 0.005, 0.02);
+    rest_after(SB_GENERALISED_ALPHA, 0.005, 0.02);
+    rest_after(SB_GENERALISED_ALPHA, 0, 0.01);
     rest_after(SB_EULER, 0, 0.01);
     rest_after(SB_NEWMARK, 0, 0.005);
 }
