@@ -10060,7 +10060,9 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
  *
  *     u + t alpha   coupled        z   free        target - x   held
  *
- * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. The rod is
+ * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. Where forces balance
+ * before the end of the step (generalised alpha), unknowns are those of that level; the whole way is 1/level of it, and the
+ * force there the same share between that of the last step and that at the end. The rod is
  * stepped by implicit Euler: its own vibrations are far above what steps resolve, and Euler leaves none of them. With
  * constraints on displacements that is passive next to a body stepped by Newmark (the rod's inertia, damping and stiffness
  * seen through the body's velocity have no negative real part on the unit circle). */
@@ -10130,9 +10132,11 @@ SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_
 NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
 /* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
-/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored.
- * 0: not positive definite. */
-NDLI_API int ndli_line_factor(ndli_line *line);
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored;
+ * matrix: the body's. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
+/* Before a step: the contact forces are those at its start. */
+NDLI_API void ndli_line_keep_contact(ndli_line *line);
 
 /* The parts of a guest's calls; unknown: [4 nodes], nodes: [count][3] of the body's nodes on the path. */
 /* y = loads - G x (loads != 0), or G x. */
@@ -10161,6 +10165,7 @@ typedef struct ndli_couple {
     int max_trials;
     ndl_couple_info info;    /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
+    const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
     int fewest, stalled;     /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;
@@ -10276,15 +10281,18 @@ NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step)
         return bad;
     line->dt = step->dt;
     line->level = step->level;
-    line->matrix = step->matrix;
     ndli_line_set_tangents(line);
     ndli_line_set_matrix(line);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / line->dt, rod->v[i]));
         line->load[i] = ndli_sub(load, rod->gradient[i]);
-        line->before[i] = line->contact[i];
     }
     return -1;
+}
+
+NDLI_API void ndli_line_keep_contact(ndli_line *line)
+{
+    memcpy(line->before, line->contact, (size_t)line->rod->node_count * sizeof *line->before);
 }
 
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
@@ -10292,7 +10300,7 @@ NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++, unknown += NDLI_LINE_UNKNOWNS) {
         int moves = !rod->held[i] && !ndli_line_is_coupled(line, i);
-        ndli_v3 way = moves ? ndli_scale(line->dt, rod->v[i]) : ndli_v(0, 0, 0);
+        ndli_v3 way = moves ? ndli_scale(line->level * line->dt, rod->v[i]) : ndli_v(0, 0, 0);
         unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
     }
 }
@@ -10319,19 +10327,18 @@ static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
     out[0] = v.x, out[1] = v.y, out[2] = v.z;
 }
 
-/* How the rod's nodes move by the unknowns; held ones by `held` times their way. */
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
+ * way. */
 static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++) {
-        if (rod->held[i])
-            line->motion[i] = ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]));
-        else if (!ndli_line_is_coupled(line, i))
-            line->motion[i] = ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
-        else
-            line->motion[i] = ndli_line_at(nodes, 3, i - line->first);
-        if (ndli_line_is_coupled(line, i) && ndli_line_is_slipping(line, i))
-            line->motion[i] = ndli_madd(line->motion[i], unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        int coupled = ndli_line_is_coupled(line, i);
+        ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
+        if (coupled && ndli_line_is_slipping(line, i))
+            way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
+                                       : ndli_scale(1 / line->level, way);
     }
 }
 
@@ -10347,7 +10354,7 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
         ndli_v3 row = loads ? ndli_sub(line->load[i], line->force[i]) : line->force[i];
         double along = ndli_dot(line->tangent[i], row);
         if (slips) {
-            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3];
+            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level;
             along += loads ? ndli_line_drag(line, i) - viscous : viscous;
             out_unknown[NDLI_LINE_UNKNOWNS * i + 3] = line->level * along;
         }
@@ -10395,7 +10402,7 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     ndli_line_map a = ndli_line_get_map(line, i), b = ndli_line_get_map(line, i - k);
     ndli_m3 h = ndli_m_zero(), both;
     ndli_v3 right, left;
-    ndli_m_add(&h, line->level, &line->rod->matrix.node[i][k]);
+    ndli_m_add(&h, 1, &line->rod->matrix.node[i][k]); /* forces count with the level, ways with its inverse */
     both = h;
     ndli_line_add_body_block(line, &a, &b, &both);
     right = ndli_m_apply(&h, b.along);
@@ -10409,16 +10416,17 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     }
     out[3][3] = a.slips && b.slips ? ndli_dot(a.along, right) : 0;
     if (k == 0) {
-        out[3][3] += a.slips ? line->level * ndli_line_viscosity(line, i) : 1;
+        out[3][3] += a.slips ? ndli_line_viscosity(line, i) : 1;
         for (int r = 0; r < 3; r++)
             out[r][r] += a.moves[r] ? 0 : 1;
     }
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line)
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
     int n = N * line->rod->node_count;
+    line->matrix = matrix;
     memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
@@ -10458,7 +10466,7 @@ NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const doubl
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
         int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
-        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] : 0;
+        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level : 0;
         if (slips) { /* its friction is known better than the rows' residual */
             double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * slip;
             balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);
@@ -10527,14 +10535,14 @@ static void ndli_couple_precondition(void *user, const double *r, double *z)
 static int ndli_couple_factor(const ndli_couple *c)
 {
     for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k]))
+        if (!ndli_line_factor(c->lines[k], c->matrix))
             return 0;
     return 1;
 }
 
-static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+/* The rods at their shape at the start of the step. */
+static sb_result ndli_couple_linearise(const ndli_couple *c, const sbi_guest_step *step, sb_error *error)
 {
-    ndli_couple *c = (ndli_couple *)user;
     ndli_couple_part at = ndli_couple_first(c);
     for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         int bad = ndli_line_linearise(c->lines[k], step);
@@ -10542,9 +10550,27 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
             return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
         ndli_line_start(c->lines[k], c->guest.unknown + at.unknown);
     }
-    if (!ndli_couple_factor(c))
-        return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
     return SB_OK;
+}
+
+static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
+    c->matrix = step->matrix;
+    if (!ndli_couple_factor(c))
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the needles' matrix is not positive definite");
+    return SB_OK;
+}
+
+static void ndli_couple_commit(void *user, const double *x)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
 }
 
 /* ---- friction states ---- */
@@ -10631,6 +10657,7 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
         couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
+        ndli_line_keep_contact(lines[k]);
         for (int i = 0; i < lines[k]->count; i++)
             nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
@@ -10640,6 +10667,7 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->guest.precondition = ndli_couple_precondition;
     couple->guest.begin = ndli_couple_begin;
     couple->guest.settle = ndli_couple_settle;
+    couple->guest.commit = ndli_couple_commit;
 }
 
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
@@ -11870,48 +11898,30 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     return SB_OK;
 }
 
-/* Solves for the body and the rods and moves them, the rods last: nothing but the step's undo takes back what has moved. */
-static sb_result ndli_step_move(const ndli_stepping *s, double dt, ndli_couple *couple, sbi_step *step)
-{
-    struct ndli_site *site = s->site;
-    sbi_guest *guests[1];
-    double begin = ndli_step_now(site), middle;
-    sb_result result = sbi_step_begin(site->body, (sb_real)dt, &s->info->body, step);
-    guests[0] = &couple->guest;
-    do {
-        middle = ndli_step_now(site);
-        s->info->seconds_body += middle - begin;
-        while (result == SB_OK && !step->done) {
-            result = sbi_step_solve(step, guests, 1);
-            if (result == SB_OK)
-                result = sbi_step_advance(step);
-        }
-        if (result == SB_OK)
-            result = ndli_couple_check(couple, &s->info->body.error);
-        s->info->seconds_couple += ndli_step_now(site) - middle;
-        for (int k = 0; k < s->count && result == SB_OK; k++)
-            result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
-        begin = ndli_step_now(site);
-        if (result == SB_OK)
-            result = sbi_step_commit(step);
-    } while (sbi_step_begin_again(step, &result));
-    s->info->seconds_body += ndli_step_now(site) - begin;
-    return result;
-}
-
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
+ * step's undo takes back. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
-    sbi_step step;
+    struct ndli_site *site = s->site;
+    double begin = ndli_step_now(site), solve;
+    const sbi_guest *guests[1];
     ndli_couple couple;
     sb_result result;
-    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), s->site->unknown, s->site->coupled);
-    result = ndli_step_move(s, dt, &couple, &step);
-    if (result == SB_OK) {
+    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    guests[0] = &couple.guest;
+    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    solve = s->info->body.seconds_solve;
+    s->info->seconds_couple += solve;
+    s->info->seconds_body += ndli_step_now(site) - begin - solve;
+    begin = ndli_step_now(site);
+    if (result == SB_OK)
+        result = ndli_couple_check(&couple, &s->info->body.error);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
+    s->info->seconds_needle += ndli_step_now(site) - begin;
+    if (result == SB_OK)
         ndli_step_note_solve(s->info, &couple.info);
-        return SB_OK;
-    }
-    result = sbi_step_undo(&step, result);
-    if (s->error)
+    else if (s->error)
         *s->error = s->info->body.error;
     return result;
 }

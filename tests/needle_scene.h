@@ -275,6 +275,8 @@ static inline int needle_scene_is_sound(const needle_scene *s)
     sb_error error;
     int ok = sb_body_live_check(s->body, &error) == SB_OK && s->count > 0 &&
              ndl_remesh_check(ndl_needle_remesh(s->needles[0]), &error) == SB_OK;
+    if (!ok)
+        printf("%s\n", error.message);
     ok = ok && scene_all_finite(sb_body_positions(s->body), sb_body_node_count(s->body)) &&
          scene_all_finite(sb_body_velocities(s->body), sb_body_node_count(s->body));
     for (int k = 0; k < s->count; k++) {

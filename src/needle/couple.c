@@ -55,14 +55,14 @@ static void ndli_couple_precondition(void *user, const double *r, double *z)
 static int ndli_couple_factor(const ndli_couple *c)
 {
     for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k]))
+        if (!ndli_line_factor(c->lines[k], c->matrix))
             return 0;
     return 1;
 }
 
-static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+/* The rods at their shape at the start of the step. */
+static sb_result ndli_couple_linearise(const ndli_couple *c, const sbi_guest_step *step, sb_error *error)
 {
-    ndli_couple *c = (ndli_couple *)user;
     ndli_couple_part at = ndli_couple_first(c);
     for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
         int bad = ndli_line_linearise(c->lines[k], step);
@@ -70,9 +70,27 @@ static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_er
             return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
         ndli_line_start(c->lines[k], c->guest.unknown + at.unknown);
     }
-    if (!ndli_couple_factor(c))
-        return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
     return SB_OK;
+}
+
+static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
+    c->matrix = step->matrix;
+    if (!ndli_couple_factor(c))
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the needles' matrix is not positive definite");
+    return SB_OK;
+}
+
+static void ndli_couple_commit(void *user, const double *x)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
 }
 
 /* ---- friction states ---- */
@@ -159,6 +177,7 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
         couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
+        ndli_line_keep_contact(lines[k]);
         for (int i = 0; i < lines[k]->count; i++)
             nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
@@ -168,6 +187,7 @@ NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, 
     couple->guest.precondition = ndli_couple_precondition;
     couple->guest.begin = ndli_couple_begin;
     couple->guest.settle = ndli_couple_settle;
+    couple->guest.commit = ndli_couple_commit;
 }
 
 NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)

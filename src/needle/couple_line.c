@@ -99,15 +99,18 @@ NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step)
         return bad;
     line->dt = step->dt;
     line->level = step->level;
-    line->matrix = step->matrix;
     ndli_line_set_tangents(line);
     ndli_line_set_matrix(line);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / line->dt, rod->v[i]));
         line->load[i] = ndli_sub(load, rod->gradient[i]);
-        line->before[i] = line->contact[i];
     }
     return -1;
+}
+
+NDLI_API void ndli_line_keep_contact(ndli_line *line)
+{
+    memcpy(line->before, line->contact, (size_t)line->rod->node_count * sizeof *line->before);
 }
 
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
@@ -115,7 +118,7 @@ NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++, unknown += NDLI_LINE_UNKNOWNS) {
         int moves = !rod->held[i] && !ndli_line_is_coupled(line, i);
-        ndli_v3 way = moves ? ndli_scale(line->dt, rod->v[i]) : ndli_v(0, 0, 0);
+        ndli_v3 way = moves ? ndli_scale(line->level * line->dt, rod->v[i]) : ndli_v(0, 0, 0);
         unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
     }
 }
@@ -142,19 +145,18 @@ static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
     out[0] = v.x, out[1] = v.y, out[2] = v.z;
 }
 
-/* How the rod's nodes move by the unknowns; held ones by `held` times their way. */
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
+ * way. */
 static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++) {
-        if (rod->held[i])
-            line->motion[i] = ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]));
-        else if (!ndli_line_is_coupled(line, i))
-            line->motion[i] = ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
-        else
-            line->motion[i] = ndli_line_at(nodes, 3, i - line->first);
-        if (ndli_line_is_coupled(line, i) && ndli_line_is_slipping(line, i))
-            line->motion[i] = ndli_madd(line->motion[i], unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        int coupled = ndli_line_is_coupled(line, i);
+        ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
+        if (coupled && ndli_line_is_slipping(line, i))
+            way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
+                                       : ndli_scale(1 / line->level, way);
     }
 }
 
@@ -170,7 +172,7 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
         ndli_v3 row = loads ? ndli_sub(line->load[i], line->force[i]) : line->force[i];
         double along = ndli_dot(line->tangent[i], row);
         if (slips) {
-            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3];
+            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level;
             along += loads ? ndli_line_drag(line, i) - viscous : viscous;
             out_unknown[NDLI_LINE_UNKNOWNS * i + 3] = line->level * along;
         }
@@ -218,7 +220,7 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     ndli_line_map a = ndli_line_get_map(line, i), b = ndli_line_get_map(line, i - k);
     ndli_m3 h = ndli_m_zero(), both;
     ndli_v3 right, left;
-    ndli_m_add(&h, line->level, &line->rod->matrix.node[i][k]);
+    ndli_m_add(&h, 1, &line->rod->matrix.node[i][k]); /* forces count with the level, ways with its inverse */
     both = h;
     ndli_line_add_body_block(line, &a, &b, &both);
     right = ndli_m_apply(&h, b.along);
@@ -232,16 +234,17 @@ static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI
     }
     out[3][3] = a.slips && b.slips ? ndli_dot(a.along, right) : 0;
     if (k == 0) {
-        out[3][3] += a.slips ? line->level * ndli_line_viscosity(line, i) : 1;
+        out[3][3] += a.slips ? ndli_line_viscosity(line, i) : 1;
         for (int r = 0; r < 3; r++)
             out[r][r] += a.moves[r] ? 0 : 1;
     }
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line)
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
     int n = N * line->rod->node_count;
+    line->matrix = matrix;
     memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
@@ -281,7 +284,7 @@ NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const doubl
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
         int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
-        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] : 0;
+        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level : 0;
         if (slips) { /* its friction is known better than the rows' residual */
             double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * slip;
             balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);

@@ -7,7 +7,9 @@
  *
  *     u + t alpha   coupled        z   free        target - x   held
  *
- * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. The rod is
+ * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. Where forces balance
+ * before the end of the step (generalised alpha), unknowns are those of that level; the whole way is 1/level of it, and the
+ * force there the same share between that of the last step and that at the end. The rod is
  * stepped by implicit Euler: its own vibrations are far above what steps resolve, and Euler leaves none of them. With
  * constraints on displacements that is passive next to a body stepped by Newmark (the rod's inertia, damping and stiffness
  * seen through the body's velocity have no negative real part on the unit circle). */
@@ -80,9 +82,11 @@ SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_
 NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
 /* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
-/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored.
- * 0: not positive definite. */
-NDLI_API int ndli_line_factor(ndli_line *line);
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored;
+ * matrix: the body's. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
+/* Before a step: the contact forces are those at its start. */
+NDLI_API void ndli_line_keep_contact(ndli_line *line);
 
 /* The parts of a guest's calls; unknown: [4 nodes], nodes: [count][3] of the body's nodes on the path. */
 /* y = loads - G x (loads != 0), or G x. */

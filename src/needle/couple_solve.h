@@ -12,6 +12,7 @@ typedef struct ndli_couple {
     int max_trials;
     ndl_couple_info info;    /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
+    const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
     int fewest, stalled;     /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;

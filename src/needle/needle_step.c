@@ -174,48 +174,30 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     return SB_OK;
 }
 
-/* Solves for the body and the rods and moves them, the rods last: nothing but the step's undo takes back what has moved. */
-static sb_result ndli_step_move(const ndli_stepping *s, double dt, ndli_couple *couple, sbi_step *step)
-{
-    struct ndli_site *site = s->site;
-    sbi_guest *guests[1];
-    double begin = ndli_step_now(site), middle;
-    sb_result result = sbi_step_begin(site->body, (sb_real)dt, &s->info->body, step);
-    guests[0] = &couple->guest;
-    do {
-        middle = ndli_step_now(site);
-        s->info->seconds_body += middle - begin;
-        while (result == SB_OK && !step->done) {
-            result = sbi_step_solve(step, guests, 1);
-            if (result == SB_OK)
-                result = sbi_step_advance(step);
-        }
-        if (result == SB_OK)
-            result = ndli_couple_check(couple, &s->info->body.error);
-        s->info->seconds_couple += ndli_step_now(site) - middle;
-        for (int k = 0; k < s->count && result == SB_OK; k++)
-            result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
-        begin = ndli_step_now(site);
-        if (result == SB_OK)
-            result = sbi_step_commit(step);
-    } while (sbi_step_begin_again(step, &result));
-    s->info->seconds_body += ndli_step_now(site) - begin;
-    return result;
-}
-
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
+ * step's undo takes back. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
-    sbi_step step;
+    struct ndli_site *site = s->site;
+    double begin = ndli_step_now(site), solve;
+    const sbi_guest *guests[1];
     ndli_couple couple;
     sb_result result;
-    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), s->site->unknown, s->site->coupled);
-    result = ndli_step_move(s, dt, &couple, &step);
-    if (result == SB_OK) {
+    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    guests[0] = &couple.guest;
+    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    solve = s->info->body.seconds_solve;
+    s->info->seconds_couple += solve;
+    s->info->seconds_body += ndli_step_now(site) - begin - solve;
+    begin = ndli_step_now(site);
+    if (result == SB_OK)
+        result = ndli_couple_check(&couple, &s->info->body.error);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
+    s->info->seconds_needle += ndli_step_now(site) - begin;
+    if (result == SB_OK)
         ndli_step_note_solve(s->info, &couple.info);
-        return SB_OK;
-    }
-    result = sbi_step_undo(&step, result);
-    if (s->error)
+    else if (s->error)
         *s->error = s->info->body.error;
     return result;
 }
