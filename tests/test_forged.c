@@ -86,7 +86,7 @@ static void drive(patient *p, double from, double to, int must)
     }
 }
 
-static sb_result load_body(void *user, const unsigned char *image, size_t size, sb_error *error)
+static sb_result load_changed(void *user, const unsigned char *image, size_t size, sb_error *error)
 {
     return sb_body_state_load(((patient *)user)->body, image, size, error);
 }
@@ -98,7 +98,7 @@ static void check_sound(const patient *p)
         printf("%s\n", error.message);
 }
 
-static void live_body(void *user)
+static void live_changed(void *user)
 {
     patient *p = (patient *)user;
     check_sound(p);
@@ -143,8 +143,8 @@ static int save_patient(patient *p)
     remesh = (unsigned char *)malloc(remesh_size);
     memset(&p->as_body, 0, sizeof p->as_body);
     p->as_body.user = p;
-    p->as_body.load = load_body;
-    p->as_body.live = live_body;
+    p->as_body.load = load_changed;
+    p->as_body.live = live_changed;
     p->as_body.image = body;
     p->as_body.size = body_size;
     p->as_remesh = p->as_body;
