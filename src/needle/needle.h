@@ -16,7 +16,7 @@
 #include "rod.h"
 #include "steer.h"
 
-enum { NDL_MAX_NEEDLES = 16 }; /* in one tissue */
+enum { NDL_MAX_NEEDLES = 16 }; /* in one body */
 
 typedef struct ndl_needle ndl_needle;
 
@@ -46,9 +46,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* ---- creation ---- */
 
-/* What a needle is made from. Start from ndl_default_needle_def(), set tissue, base and direction. */
+/* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    sb_body *body;          /* of tet4, with slack; borrowed, destroyed after its needles */
+    sb_body *body;          /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
+                             * material, supports, loads and integrator are its own: see ndl_step */
     sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
@@ -83,7 +84,7 @@ typedef struct ndl_needle_def {
 
 NDL_API ndl_needle_def ndl_default_needle_def(void);
 
-/* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
+/* A needle at rest, at its body from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
  * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
@@ -129,13 +130,20 @@ typedef struct ndl_step_info {
     double seconds_total;  /* and the whole call */
 } ndl_step_info;
 
-/* Advances a tissue and all its needles by dt (s, > 0).
- * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
+/* Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.
+ * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
  * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
- * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
- * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
+ * are, is said), a needle is at a node that constraints eliminate, or the body's steps are explicit; SB_ERROR_DIVERGED (node
+ * named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ *
+ * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its tolerance:
+ * one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are stepped by
+ * implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0, which is of
+ * second order, let the force on the base settle at once when the needle stops; others do not damp the motion that friction
+ * leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20 ms): half a second after the stop
+ * the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5 mN, without damping_stiffness by 0.34 N;
+ * with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while the needle moves (0.007 N with 0). */
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 

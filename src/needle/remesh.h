@@ -8,8 +8,8 @@
 #include "topology.h"
 
 /* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
- * pass them: the volume of each region is not kept, that of the tissue and its mass are; all of it is undone at the
- * end. */
+ * pass them: the volume of each region is not kept, nor its mass where densities differ; that of the body is; all of it
+ * is undone at the end. */
 typedef enum ndl_interface_rule {
     NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
                                    * behind one has flat tets about it, as just below the skin */
@@ -59,8 +59,8 @@ typedef struct ndl_remesh_info {
     sb_vec3 X;               /* where the tip is in the material (m) */
 } ndl_remesh_info;
 
-/* SB_ERROR_ARGUMENT (field named), _MEMORY leave *remesh untouched. Uses of the tissue by several remeshers at a time
- * are not foreseen. */
+/* SB_ERROR_ARGUMENT (field named), _UNSUPPORTED (elements other than SB_TET4; def.slack was 0), _MEMORY leave *remesh untouched.
+ * One remesher for a body at a time. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE). */
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
 /* Leaves the body as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
@@ -72,8 +72,8 @@ NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, 
 /* In all calls `needle` is in [0, max_needles) (SB_ERROR_INDEX) and `info` and `error` may be NULL. Each operation
  * happens as a whole or, when the call fails at it, not at all: SB_ERROR_MEMORY; SB_ERROR_NOT_FINITE;
  * SB_ERROR_ARGUMENT, a needle that is (not) in the tissue; SB_ERROR_MESH, no operation leaves sound tets: the step is
- * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle. Memory is only asked for
- * when slack is used up. */
+ * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle; and what the body or those that
+ * follow its mesh refuse (see sb_body_change_commit). */
 
 /* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it goes
  * deeper. The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies on them or
@@ -88,8 +88,8 @@ NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error);
 /* The needle leaves: its nodes are released and its splits undone. When no other needle is in, the mesh is the
- * original one, number by number and place by place; else what a near needle prevents follows later. No failure but
- * SB_ERROR_INDEX; does nothing for a needle that is not in. */
+ * original one, number by number and place by place; else what a near needle prevents follows later. Where the body refuses
+ * (SB_ERROR_MEMORY) it stays in. Does nothing for a needle that is not in. */
 NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error);
 
 /* Nodes of the needle in the tissue, entry first, tip last; consecutive ones are joined by an edge. NULL and 0 when it
