@@ -166,7 +166,7 @@ static void test_pose_looks_along_the_way(void)
     block_begin(&b, 1e9, NULL, 0);
     memset(&command, 0, sizeof command);
     command.insertion = REAL(0.02);
-    if (b.tissue && block_add_needle(&b, k))
+    if (b.body && block_add_needle(&b, k))
         for (int i = 0; i < 70 && block_step(&b, dt, &command); i++) {
             ndl_tip_pose tip = ndl_needle_tip(b.needle);
             sb_vec3 edge;
@@ -211,7 +211,7 @@ static void test_targets(void)
         pose = ndl_helix_pose(&pose, REAL(bend), 0, REAL(length));
         def.step = REAL(1e-3);
         def.reach = REAL(1e-3);
-        if (b.tissue && block_add_needle(&b, 10)) {
+        if (b.body && block_add_needle(&b, 10)) {
             s = steer_to(&b, &def, dt, pose.position);
             hits += s.distance <= 1e-3;
             moved = fmax(moved, s.moved);
@@ -242,7 +242,7 @@ static void test_obstacles(void)
     def.plan.obstacle_count = 2;
     def.plan.clearance = REAL(0.0024);
     block_begin(&b, 3e4, cylinders, 2);
-    if (b.tissue && block_add_needle(&b, 12.5)) {
+    if (b.body && block_add_needle(&b, 12.5)) {
         s = steer_to(&b, &def, 0.05, sb_v3(REAL(0.05), REAL(0.052), REAL(0.0168)));
         CHECK_INT(s.status, NDL_STEER_REACHED);
         CHECK(s.distance <= 1e-3);
@@ -305,7 +305,7 @@ static void test_push(void)
         sb_error error;
         int nodes[16], count, arrived = -1;
         block_begin(&b, 2e4, NULL, 0);
-        if (!b.tissue)
+        if (!b.body)
             return;
         X = sb_v3_add(b.entry, sb_v3(REAL(0.0025), 0, REAL(-0.05)));
         count = find_pad(&b, X, nodes);
