@@ -44792,6 +44792,86 @@ SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
 
 #endif /* SB_BODY_GUEST_H */
 
+/* ==== src/softbody/body/state_part.h ==== */
+/* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
+ * Floor 3, internal.
+ *
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
+ * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
+ * tells one command, which its `replay` does again. */
+#ifndef SB_STATE_PART_H
+#define SB_STATE_PART_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Where a part's bytes go: they are counted, written or hashed. */
+typedef struct sbi_state_out {
+    unsigned char *bytes; /* NULL: they are not written */
+    size_t used;
+    int overflow;
+    int hashes;
+    uint64_t hash;
+} sbi_state_out;
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
+
+typedef struct sbi_state_part {
+    char name[9];  /* eight characters at most; each name once in a body */
+    int version;   /* of its bytes */
+    void *user;
+    /* Gives its bytes, the same ones as long as nothing has changed. */
+    void (*save)(const void *user, sbi_state_out *out);
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
+     * needs. Nothing that a step could notice changes. */
+    sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
+    /* Becomes it; the body has its own state back already, and listeners have followed. */
+    void (*load)(void *user, const unsigned char *bytes, size_t size);
+    /* After a check, when something else was refused; may be NULL. */
+    void (*give_up)(void *user);
+    /* Does a recorded command again. */
+    sb_result (*replay)(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                        sb_error *error);
+} sbi_state_part;
+
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken), SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
+/* No longer; one that has not joined is fine. Parts end with the body, too. */
+SBI_API void sbi_body_leave(sb_body *body, const char *name);
+
+/* The body's recorder hears nothing until it is unmuted. Calls nest. */
+SBI_API void sbi_body_mute(sb_body *body);
+SBI_API void sbi_body_unmute(sb_body *body);
+/* A command of the part that changes the body or the part. */
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count);
+/* The same of a command that is a step, with its result: also told when it failed. */
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count);
+
+/* ---- for state.c and record.c ---- */
+
+typedef struct sbi_state_parts {
+    sbi_state_part *list; /* [count] by name */
+    int count, capacity;
+    int muted;
+} sbi_state_parts;
+
+SBI_API void sbi_state_parts_free(sb_body *body);
+/* Bytes of all parts as the image has them. */
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
+ * up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error);
+SBI_API void sbi_state_parts_give_up(const sb_body *owner);
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
+/* The first ints of a part's command name it. */
+enum { SBI_PART_NAME_INTS = 2 };
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error);
+#endif
+
+#endif /* SB_STATE_PART_H */
+
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
 #ifndef SB_BODY_PRIVATE_H
@@ -44879,6 +44959,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -44905,6 +44987,7 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -45032,6 +45115,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* 1: an observer hears of calls. */
+SBI_API int sbi_body_is_heard(const sb_body *body);
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
@@ -45333,6 +45418,39 @@ typedef struct sbi_change_lists {
 } sbi_change_lists;
 
 #endif /* SB_LIVE_CHANGE_H */
+
+/* ==== src/softbody/body/body_tell.c ==== */
+/* body_tell: the observer of a body hears of the calls that change it. */
+#include <string.h>
+
+
+SBI_API int sbi_body_is_heard(const sb_body *body)
+{
+    return body->observe && !(body->parts && body->parts->muted > 0);
+}
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!sbi_body_is_heard(body))
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (sbi_body_is_heard(body))
+        body->observe(body->observer, command);
+}
 
 /* ==== src/softbody/body/body_material.c ==== */
 /* body_material: regions, their materials, fibres, and what follows from them. */
@@ -47236,31 +47354,6 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -47603,6 +47696,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 
@@ -50783,6 +50877,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    body->parts = old.parts;
+    next->parts = NULL;
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
@@ -57848,6 +57944,279 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     return result;
 }
 
+/* ==== src/softbody/body/state_part.c ==== */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
+ * bytes. */
+
+#include <string.h>
+
+
+enum { SBI_PART_NAME = 8, SBI_PART_HEAD = SBI_PART_NAME + 4 + 8 };
+
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
+{
+    if (size == 0)
+        return;
+    if (out->bytes)
+        memcpy(out->bytes + out->used, bytes, size);
+    for (size_t i = 0; out->hashes && i < size; i++)
+        out->hash = sbi_hash_word(out->hash, ((const unsigned char *)bytes)[i]);
+    out->overflow |= !sbi_size_add(&out->used, size, 1);
+}
+
+/* ---- who has joined ---- */
+
+/* The parts of a body, made when there are none; NULL: no memory. */
+static sbi_state_parts *sbi_state_parts_of(sb_body *body)
+{
+    if (!body->parts)
+        body->parts = (sbi_state_parts *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *body->parts);
+    return body->parts;
+}
+
+static int sbi_state_parts_grow(const sb_body *body, sbi_state_parts *parts)
+{
+    int capacity = parts->capacity + parts->capacity / 2 + 2;
+    sbi_state_part *grown = (sbi_state_part *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return 0;
+    if (parts->count)
+        memcpy(grown, parts->list, (size_t)parts->count * sizeof *grown);
+    sbi_free(&body->allocator, parts->list);
+    parts->list = grown;
+    parts->capacity = capacity;
+    return 1;
+}
+
+/* The place of a name, or where it would go. */
+static int sbi_state_parts_place(const sbi_state_parts *parts, const char *name)
+{
+    int at = 0;
+    while (at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) < 0)
+        at++;
+    return at;
+}
+
+static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *name)
+{
+    const sbi_state_parts *parts = body->parts;
+    int at = parts ? sbi_state_parts_place(parts, name) : 0;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+}
+
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
+{
+    sbi_state_parts *parts = sbi_state_parts_of(body);
+    int at;
+    if (!part->name[0] || sbi_state_parts_find(body, part->name))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body's state has a part '%.8s' already", part->name);
+    if (!parts || (parts->count == parts->capacity && !sbi_state_parts_grow(body, parts)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a part '%.8s' of the body's state", part->name);
+    at = sbi_state_parts_place(parts, part->name);
+    memmove(parts->list + at + 1, parts->list + at, (size_t)(parts->count - at) * sizeof *parts->list);
+    parts->list[at] = *part;
+    parts->count++;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_leave(sb_body *body, const char *name)
+{
+    sbi_state_part *part = sbi_state_parts_find(body, name);
+    sbi_state_parts *parts = body->parts;
+    if (!part)
+        return;
+    parts->count--;
+    memmove(part, part + 1, (size_t)(parts->list + parts->count - part) * sizeof *part);
+}
+
+SBI_API void sbi_state_parts_free(sb_body *body)
+{
+    if (body->parts)
+        sbi_free(&body->allocator, body->parts->list);
+    sbi_free(&body->allocator, body->parts);
+    body->parts = NULL;
+}
+
+/* ---- the image ---- */
+
+static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+{
+    unsigned char number[8];
+    sbi_put_bytes(number, value, bytes);
+    sbi_state_put(out, number, (size_t)bytes);
+}
+
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out)
+{
+    for (int i = 0; body->parts && i < body->parts->count; i++) {
+        const sbi_state_part *part = body->parts->list + i;
+        char name[SBI_PART_NAME] = {0};
+        sbi_state_out size;
+        memset(&size, 0, sizeof size);
+        part->save(part->user, &size);
+        memcpy(name, part->name, strlen(part->name));
+        sbi_state_put(out, name, sizeof name);
+        sbi_state_put_number(out, (uint64_t)part->version, 4);
+        sbi_state_put_number(out, size.used, 8);
+        part->save(part->user, out);
+        out->overflow |= size.overflow;
+    }
+}
+
+/* One part of an image. */
+typedef struct sbi_part_view {
+    char name[SBI_PART_NAME + 1];
+    int version;
+    const unsigned char *bytes;
+    size_t size;
+} sbi_part_view;
+
+/* Takes the part at bytes + *at and steps on; 0: it ends too early. */
+static int sbi_part_next(const unsigned char *bytes, size_t size, size_t *at, sbi_part_view *view)
+{
+    const unsigned char *head = bytes + *at;
+    uint64_t length;
+    if (size - *at < SBI_PART_HEAD)
+        return 0;
+    length = sbi_get_bytes(head + SBI_PART_NAME + 4, 8);
+    if (length > size - *at - SBI_PART_HEAD)
+        return 0;
+    memset(view, 0, sizeof *view);
+    memcpy(view->name, head, SBI_PART_NAME);
+    view->version = sbi_int_of(sbi_get_bytes(head + SBI_PART_NAME, 4));
+    view->bytes = head + SBI_PART_HEAD;
+    view->size = (size_t)length;
+    *at += SBI_PART_HEAD + view->size;
+    return 1;
+}
+
+static void sbi_state_parts_give_up_first(const sb_body *owner, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (owner->parts->list[i].give_up)
+            owner->parts->list[i].give_up(owner->parts->list[i].user);
+}
+
+SBI_API void sbi_state_parts_give_up(const sb_body *owner)
+{
+    sbi_state_parts_give_up_first(owner, owner->parts ? owner->parts->count : 0);
+}
+
+/* Whether part i of the owner may become what the image says. */
+static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body, int i, const sbi_part_view *view,
+                                      sb_error *error)
+{
+    const sbi_state_part *part = owner->parts ? owner->parts->list + i : NULL;
+    int order = !part || i == owner->parts->count ? -1 : strncmp(view->name, part->name, SBI_PART_NAME);
+    if (order < 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
+                        view->name);
+    if (order > 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+    if (view->version != part->version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
+                        view->version, part->version);
+    return part->check(part->user, body, view->bytes, view->size, error);
+}
+
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    int count = owner->parts ? owner->parts->count : 0, i = 0;
+    size_t at = 0;
+    sb_result result = SB_OK;
+    while (at < size && result == SB_OK) {
+        sbi_part_view view;
+        if (!sbi_part_next(bytes, size, &at, &view))
+            result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many or too few",
+                              (unsigned long)(size - at));
+        else
+            result = sbi_state_part_check(owner, body, i, &view, error);
+        i += result == SB_OK;
+    }
+    if (result == SB_OK && i < count)
+        result = sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                          owner->parts->list[i].name);
+    if (result != SB_OK)
+        sbi_state_parts_give_up_first(owner, i);
+    return result;
+}
+
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes)
+{
+    size_t at = 0;
+    for (int i = 0; owner->parts && i < owner->parts->count; i++) {
+        sbi_part_view view;
+        (void)sbi_part_next(bytes, (size_t)-1, &at, &view); /* it was checked */
+        owner->parts->list[i].load(owner->parts->list[i].user, view.bytes, view.size);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_body_mute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted++;
+}
+
+SBI_API void sbi_body_unmute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted--;
+}
+
+static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name, sb_result result, const int *ints,
+                          size_t int_count, const sb_real *reals, size_t real_count)
+{
+    unsigned char bytes[SBI_PART_NAME] = {0};
+    int named[SBI_PART_NAME_INTS];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    memcpy(bytes, name, strlen(name));
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        named[k] = sbi_int_of(sbi_get_bytes(bytes + 4 * k, 4));
+    command.code = code;
+    command.a = (int)result;
+    command.ints = named;
+    command.int_count = SBI_PART_NAME_INTS;
+    command.more_ints = ints;
+    command.more_int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
+}
+
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART_STEP, name, result, ints, int_count, reals, real_count);
+}
+
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    char name[SBI_PART_NAME + 1] = {0};
+    unsigned char bytes[SBI_PART_NAME];
+    const sbi_state_part *part;
+    if (int_count < SBI_PART_NAME_INTS)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the command of a part does not name it");
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        sbi_put_bytes(bytes + 4 * k, (uint64_t)(uint32_t)ints[k], 4);
+    memcpy(name, bytes, sizeof bytes);
+    part = sbi_state_parts_find(body, name);
+    if (!part || !part->replay)
+        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
+                        name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+}
+
 /* ==== src/softbody/body/state.c ==== */
 /* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
 
@@ -57940,6 +58309,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -59022,19 +59392,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -59042,14 +59412,29 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
         if (part->walk == sbi_state_live && !body->live)
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -59085,6 +59470,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -59097,6 +59483,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -59104,8 +59491,10 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
 }
 
@@ -59113,7 +59502,7 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -59122,19 +59511,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -59149,13 +59545,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -59183,10 +59579,12 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
@@ -59232,7 +59630,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
  * and a command is
  *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
  * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
- * displacements. */
+ * displacements: of as many nodes as the body has then. */
 
 #include <string.h>
 
@@ -59325,7 +59723,7 @@ static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_coun
 
 static int sbi_record_is_solve(sbi_command_code code)
 {
-    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC || code == SBI_COMMAND_PART_STEP;
 }
 
 /* Where a solve led; sized by sbi_record_outcome_size. */
@@ -59334,8 +59732,8 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
     const sb_body *body = recording->body;
     sbi_record_put(recording, sb_body_state_hash(body), 8);
     for (int k = 0; k < SBI_RECORD_RANGES; k++)
-        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
-    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, body->domain.node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < body->domain.node_count; i++) {
         sbi_record_put_real(recording, body->displacement[i].x);
         sbi_record_put_real(recording, body->displacement[i].y);
         sbi_record_put_real(recording, body->displacement[i].z);
@@ -59345,7 +59743,7 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
 static size_t sbi_record_outcome_size(const sb_recording *recording)
 {
     int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
-    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->body->domain.node_count * sizeof(sb_vec3) : 0);
 }
 
 static int sbi_record_append(sb_recording *recording, const sbi_command *command)
@@ -59513,8 +59911,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
-                * with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
+                * body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -59737,6 +60135,11 @@ static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *e
     return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
 }
 
+static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -59839,6 +60242,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
+    {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -59850,21 +60255,22 @@ static const sbi_record_rule *sbi_record_find_rule(int code)
 }
 
 /* 1 when the counts are those of the rule. */
-static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 {
-    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    size_t reals = (size_t)rule->reals;
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
         reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
-        reals = 3 * (size_t)recording->node_count;
+        reals = c->real_count / 3 * 3;
     if (rule->reals == SBI_REALS_ANY)
         reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
-        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+        return c->a <= 0 && c->a > -64 && c->byte_count >= SBI_RECORD_OUTCOME &&
+               (c->byte_count - SBI_RECORD_OUTCOME) % sizeof(sb_vec3) == 0;
     return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
 }
 
@@ -59906,7 +60312,7 @@ static int sbi_record_next(sbi_record_cursor *cursor)
     cursor->reals = cursor->ints + 4 * (size_t)ints;
     cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
     cursor->at += used;
-    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+    return cursor->rule && sbi_record_fits(cursor->rule, &cursor->command);
 }
 
 static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
@@ -60040,16 +60446,17 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 }
 
 /* Finds where the displacements leave those of the recording. */
-static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
-                              size_t size, sb_recording_report *report)
+static void sbi_record_locate(const sb_body *body, const unsigned char *outcome, size_t size,
+                              sb_recording_report *report)
 {
-    int n = recording->node_count;
+    int n = body->domain.node_count;
+    int has_positions = size == SBI_RECORD_OUTCOME + (size_t)n * sizeof(sb_vec3);
     for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
         if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
             report->first_node = sbi_record_range_start(n, k);
             report->last_node = sbi_record_range_start(n, k + 1) - 1;
         }
-    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+    for (int i = report->first_node; has_positions && i >= 0 && i <= report->last_node; i++) {
         sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
         if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
             sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
@@ -60073,7 +60480,7 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
     report->actual = actual;
     report->expected_hash = expected;
     report->actual_hash = hash;
-    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    sbi_record_locate(body, c->bytes, c->byte_count, report);
     memcpy(reason, report->error.message, sizeof reason);
     if ((int)actual != c->a)
         return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
@@ -60093,7 +60500,10 @@ static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_re
     char reason[256];
     sb_result result;
     memset(&report->error, 0, sizeof report->error);
-    result = rule->play(body, &cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
+        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    else
+        result = rule->play(body, &cursor->command, &report->error);
     if (sbi_record_is_solve(rule->code))
         return sbi_record_compare(cursor, body, result, report);
     if (result == SB_OK)
