@@ -20,7 +20,6 @@ softbody/body/step_residual softbody/body/step_system
 softbody/body/body softbody/body/live_mesh
 softbody/body/body softbody/body/load
 softbody/body/body_read softbody/body/live_mesh
-softbody/body/live_build softbody/body/live_mesh
 softbody/body/live_change softbody/body/live_mesh
 softbody/fem/assembly_batch softbody/fem/assembly
 softbody/fem/assembly_live softbody/fem/assembly

@@ -298,8 +298,8 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error);
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error);
 /* The reference mesh as others see it; borrowed arrays. */
 SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 /* Diagonal of the bounding box (m). */
