@@ -4228,6 +4228,11 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
  * there is left out of the equations.
  *
+ * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's components
+ * are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no motion. A step
+ * of several Newton iterations solves several systems, each for what is still to be added; a guest does not see that. Its
+ * rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
+ *
  * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
  *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
  *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the rod's
@@ -5824,17 +5829,29 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/solve/guest.h, internal ==== */
 
-/* The step that is solved: what a guest needs to write its rows in the step's unknown, the displacement of the nodes over
- * the step. */
+/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the start
+ * of the step, with
+ *     v = velocity_factor d + velocity0,  a = acceleration_factor d + acceleration0,
+ * which at supports is their own motion. What a guest has a mass for moves by the same rule, of its velocity v_n and
+ * acceleration a_n at the start:
+ *     velocity0 = known_velocity[0] v_n + known_velocity[1] a_n,
+ *     acceleration0 = known_acceleration[0] v_n + known_acceleration[1] a_n.
+ * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) / inertia_level. */
 typedef struct sbi_guest_step {
-    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed) */
+    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed); constraints are condensed in it */
     const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
-    const sb_vec3 *velocity;     /* [row_count] (m/s) */
-    const sb_vec3 *acceleration; /* [row_count] (m/s^2) */
+    const sb_vec3 *velocity;     /* [row_count] at the start (m/s) */
+    const sb_vec3 *acceleration; /* [row_count] at the start (m/s^2) */
+    const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
+    const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
+    int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
     double dt;                   /* s; 0: static */
-    double velocity_factor;      /* 1/s: velocity at the end = this times the increment, and known terms */
-    double acceleration_factor;  /* 1/s^2: the same of the acceleration */
-    double level;                /* share of the new forces in the equations: 1 - alpha_f of the generalised alpha method */
+    double velocity_factor;      /* 1/s */
+    double acceleration_factor;  /* 1/s^2 */
+    double known_velocity[2];     /* 1, s */
+    double known_acceleration[2]; /* 1/s, 1 */
+    double level;                /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    double inertia_level;        /* the same of inertia: 1 - alpha_m, else 1 */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
@@ -5853,14 +5870,18 @@ typedef struct sbi_guest {
     void (*precondition)(void *user, const double *r, double *z);
 
     /* optional */
-    /* After the tangent is made, before the solve: takes what it needs of the step and factors its block. What it
-     * returns as an error undoes the step. */
+    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may set
+     * `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error undoes
+     * the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
      * solve must go on. */
     int (*settle)(void *user, const double *x);
-    void (*commit)(void *user);  /* the step is done: takes over its motion */
-    void (*undo)(void *user);    /* the step has failed: as before begin */
+    /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
+    void (*commit)(void *user, const double *x);
+    /* The step has failed, or is begun anew with other factors: as before the first `begin`. Called of each guest whose
+     * `begin` was called or is missing. Its unknowns are put back already. */
+    void (*undo)(void *user);
 } sbi_guest;
 
 typedef struct sbi_guests {
@@ -5878,6 +5899,8 @@ typedef struct sbi_guest_work {
     double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
     double *search, *start;                          /* [unknown_count] */
     double *in, *out;                                /* [width] */
+    double *base;   /* [width] what a solve starts from: nodes' increments are added to it, unknowns have it in them */
+    double *first;  /* [unknown_count] as they were given to the step */
     double sums[2];       /* its share of the sums at work */
 } sbi_guest_work;
 
@@ -5887,6 +5910,7 @@ typedef struct sbi_guest_space {
     int count;
     sbi_guest_work *work; /* [count] */
     double scale;         /* mean diagonal of the matrix (N/m) */
+    int *part_of;         /* [row_count] part of each row, as the last solve had them; may be made anew after it */
     const sb_matrix *matrix;
     sb_real *rest, *spare; /* [row_count][3] */
     /* blocks of taken nodes while the preconditioner is made without them, and their masks */
@@ -5911,8 +5935,8 @@ SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
-/* r += loads - G x, and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
- * `held`. */
+/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
+ * `held` (NULL: 0, too). */
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
 /* q += G p, and takes what is theirs; sums[0] = p.Gp. */
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
@@ -5938,6 +5962,15 @@ SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
 /* x of all guests to their settle calls; 1 when one has changed its rows. */
 SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
 
+/* ---- for steps of several solves ---- */
+/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along prescribed
+ * components. Unknowns are then those of the base. */
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held);
+/* A guest's forces at the base, in out. */
+SBI_API void sbi_guest_force(sbi_guest_work *work);
+/* The guests' part of the potential from the base to the solution x: t linear + t^2 quadratic. */
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
+
 /* ==== src/softbody/solve/pcg.h, internal ==== */
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
  * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
@@ -5952,6 +5985,8 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* What was reserved, for steps of several solves; NULL: nothing was. */
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
  * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
  * SB_ERROR_ARGUMENT: no space was reserved for them. */
@@ -5962,7 +5997,7 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
  * after the other, so that bits do not depend on threads. Allocates nothing.
  * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from rest, so that loads on what is stiff in itself do not count; and their rows count by
+ * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
  * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
  * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
  * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
@@ -37712,8 +37747,12 @@ SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *gu
         work.start = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
         work.in = (double *)sbi_arena_take(arena, work.width, sizeof(double));
         work.out = (double *)sbi_arena_take(arena, work.width, sizeof(double));
-        if (arena->base)
+        work.base = (double *)sbi_arena_take(arena, work.width, sizeof(double));
+        work.first = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
+        if (arena->base) {
             list[g] = work;
+            memset(work.base, 0, work.width * sizeof(double));
+        }
         taken += (size_t)work.guest->taken_count;
     }
     space->kept_room = sbi_guests_taken_blocks(guests, matrix);
@@ -37728,7 +37767,7 @@ static int sbi_guest_is_held(const sbi_guest_space *space, int node, int axis)
     return space->matrix->fixed[node] >> axis & 1;
 }
 
-/* in = own (NULL: 0), and of x the components of its nodes; prescribed ones are those of `held`, or 0. */
+/* in = own (NULL: 0), and of x (NULL: 0) the components of its nodes; prescribed ones are those of `held`, or 0. */
 static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
                              const sb_real *held)
 {
@@ -37741,6 +37780,15 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
             const sb_real *from = sbi_guest_is_held(space, guest->nodes[k], axis) ? held : x;
             *in++ = from ? (double)from[3 * (size_t)guest->nodes[k] + (size_t)axis] : 0;
         }
+}
+
+/* in = the guest's place: unknowns `own`, nodes x further than the base. */
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
+                                   const sb_real *held)
+{
+    sbi_guest_gather(space, work, own, x, held);
+    for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
+        work->in[k] += work->base[k];
 }
 
 /* y += sign out on its nodes, but for prescribed components. */
@@ -37810,7 +37858,7 @@ SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const 
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
-        sbi_guest_gather(space, work, x ? guest->unknown : NULL, x, held);
+        sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
         for (int k = 0; k < guest->node_count; k++)
@@ -37970,11 +38018,50 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
         sbi_guest_work *work = space->work + g;
         if (!work->guest->settle)
             continue;
-        sbi_guest_gather(space, work, work->guest->unknown, x, x);
+        sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
         changed |= work->guest->settle(work->guest->user, work->in) != 0;
     }
     return changed;
 }
+
+/* ---- steps of several solves ---------------------------------------------------------------------------- */
+
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held)
+{
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        double *base = work->base;
+        for (int k = 0; k < guest->unknown_count; k++, base++) {
+            *base = share == 1 ? guest->unknown[k] : *base + share * (guest->unknown[k] - *base);
+            guest->unknown[k] = *base;
+        }
+        for (int k = 0; k < guest->node_count; k++)
+            for (int axis = 0; axis < 3; axis++, base++)
+                *base += (sbi_guest_is_held(space, guest->nodes[k], axis) ? held : share) *
+                         (double)x[3 * (size_t)guest->nodes[k] + (size_t)axis];
+    }
+}
+
+SBI_API void sbi_guest_force(sbi_guest_work *work) { work->guest->residual(work->guest->user, work->base, work->out); }
+
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic)
+{
+    *linear = *quadratic = 0;
+    for (int g = 0; g < space->count; g++) {
+        sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        sbi_guest_force(work);
+        sbi_guest_gather(space, work, guest->unknown, x, NULL);
+        for (int k = 0; k < guest->unknown_count; k++)
+            work->in[k] -= work->base[k];
+        *linear -= sbi_guest_dot(work->in, work->out, work->width);
+        guest->multiply(guest->user, work->in, work->out);
+        *quadratic += sbi_guest_dot(work->in, work->out, work->width) / 2;
+    }
+}
+
+/* ---- the preconditioner --------------------------------------------------------------------------------- */
 
 /* z = B r of the nodes; without a preconditioner r over the mean diagonal. */
 static void sbi_guest_apply(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
@@ -39003,22 +39090,27 @@ typedef struct sbi_pcg_guest_space {
     sbi_guest_space space;
     sbi_pcg_part *parts; /* [most parts + guests + 1] */
     int *part_start;     /* [most parts + guests + 1] */
-    int *part_of;        /* [row_count] */
 } sbi_pcg_guest_space;
 
 static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
                                                    sbi_pcg_guest_space *fresh)
 {
-    int rows = matrix->row_count;
+    int rows = matrix->row_count, *part_of;
     size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
     sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
     g = arena->base ? g : fresh;
     memset(g, 0, sizeof *g);
-    g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
+    part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
     g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
     g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_guest_space_layout(&g->space, guests, matrix, arena);
+    g->space.part_of = part_of;
     return g;
+}
+
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace)
+{
+    return workspace->guests ? &((sbi_pcg_guest_space *)workspace->guests)->space : NULL;
 }
 
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
@@ -39106,12 +39198,12 @@ static void sbi_pcg_place_guests(sbi_pcg_state *s, sbi_pcg_guest_space *g)
 {
     for (int c = 0; c < s->part_count; c++)
         for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++)
-            g->part_of[s->part_rows ? s->part_rows[k] : k] = c;
+            g->space.part_of[s->part_rows ? s->part_rows[k] : k] = c;
     for (int k = 0; k < g->space.count; k++) {
         sbi_guest_work *work = g->space.work + k;
         int head = -1;
         for (int n = 0; n < work->guest->node_count; n++) {
-            int part = s->parts[g->part_of[work->guest->nodes[n]]].head;
+            int part = s->parts[g->space.part_of[work->guest->nodes[n]]].head;
             head = head < 0 ? part : sbi_pcg_join(s, head, part);
         }
         work->part = head;
@@ -39166,8 +39258,8 @@ static int sbi_pcg_begin_guests(sbi_pcg_state *s)
         const sbi_guest_work *work = s->guests->work + g;
         for (int k = 0; k < work->guest->unknown_count; k++) {
             if (s->parts[work->part].rhs_square == 0)
-                work->guest->unknown[k] = 0;
-            idle &= work->guest->unknown[k] == 0;
+                work->guest->unknown[k] = work->base[k];
+            idle &= work->guest->unknown[k] == work->base[k];
         }
     }
     sbi_guest_guess(s->guests, idle ? s->x : NULL, s->r, s->p);
@@ -44638,10 +44730,10 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 /* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
  *
  *     sbi_step step;
- *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     sb_result result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
  *     do {
  *         while (result == SB_OK && !step.done) {
- *             result = sbi_step_solve(&step, guests, guest_count);
+ *             result = sbi_step_solve(&step);
  *             if (result == SB_OK)
  *                 result = sbi_step_advance(&step);
  *         }
@@ -44650,13 +44742,18 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  *     } while (sbi_step_begin_again(&step, &result));
  *     return result == SB_OK ? result : sbi_step_undo(&step, result);
  *
- * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
- * change the body. */
+ * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From begin to
+ * commit or undo nothing else may change the body.
+ *
+ * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated step
+ * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
+ * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
+ * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
+ * Newmark and generalised alpha start from an acceleration without guests' forces where it is not known (a body's first
+ * step, or the first after displacements were set, constraints changed, a static solve). */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
-
-struct sbi_guest;
 
 /* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
 typedef struct sbi_step {
@@ -44668,11 +44765,14 @@ typedef struct sbi_step {
     int done;                 /* 1: nothing is left to be solved */
     int iteration;            /* of Newton, from 0 */
     sb_tangent_kind kind;     /* of the tangent in A */
+    sbi_guests guests;        /* solved together with the body */
+    int guests_begun;         /* those of them that have begun */
 
     /* what is solved */
     sb_real dt;               /* s */
     sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real known_velocity[2], known_acceleration[2]; /* factors of v and a at the start in v and a, of free axes */
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
                                * loads that follow the body have: 1 in a time step */
@@ -44701,12 +44801,15 @@ typedef struct sbi_step {
 } sbi_step;
 
 /* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
- * the material or the solver refuses. */
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
-/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
- * not positive definite, it is made anew, projected, and solved again. */
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+ * and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what their solves need
+ * is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (see
+ * sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a guest on a node with an
+ * axis that constraints eliminate (error.node; its masters serve); what the material, the solver or a guest refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment and the guests' unknowns. Where the exact tangent is not
+ * positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step);
 /* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
  * system is ready. */
 SBI_API sb_result sbi_step_advance(sbi_step *step);
@@ -44717,8 +44820,11 @@ SBI_API sb_result sbi_step_commit(sbi_step *step);
  * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
  * it. */
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+/* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
 
@@ -44832,7 +44938,8 @@ typedef struct sbi_state_part {
                         sb_error *error);
 } sbi_state_part;
 
-/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken), SB_ERROR_MEMORY. */
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken),
+ * SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
 /* No longer; one that has not joined is fine. Parts end with the body, too. */
 SBI_API void sbi_body_leave(sb_body *body, const char *name);
@@ -45169,8 +45276,8 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error);
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error);
 /* The reference mesh as others see it; borrowed arrays. */
 SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 /* Diagonal of the bounding box (m). */
@@ -46235,11 +46342,11 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
     return largest;
 }
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error)
 {
     sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
+    return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
@@ -48853,8 +48960,8 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
-/* ==== src/softbody/body/live_mesh.c ==== */
-/* live_mesh: slots, readings and listeners of a mesh that may change. */
+/* ==== src/softbody/body/live_slots.c ==== */
+/* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
 
 #include <string.h>
 
@@ -49026,6 +49133,13 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
         body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
     }
 }
+
+/* ==== src/softbody/body/live_mesh.c ==== */
+/* live_mesh: readings and listeners of a mesh that may change. */
+
+#include <string.h>
+
+/* ---- what a body has of it ---- */
 
 SBI_API void sbi_live_destroy(sb_body *body)
 {
@@ -55591,6 +55705,26 @@ SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
 
+/* ---- step_guest.c ---- */
+/* Takes the memory for these guests; all or nothing. */
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);
+/* The system is made, but for its preconditioner: guests begin. */
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
+/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the next
+ * system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale where they
+ * lie in several. Only when guests have begun, as the next two. */
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
+/* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
+/* 1 when the rows of guests that lie in no part meet the tolerance, too, or are no more than `rounding` (N). */
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding);
+/* Of the increment `share` was taken, and `held` of it on supported axes. */
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
+/* Reactions less guests' forces on supported axes. */
+SBI_API void sbi_step_guest_reactions(const sbi_step *step);
+SBI_API void sbi_step_commit_guests(sbi_step *step);
+SBI_API void sbi_step_undo_guests(sbi_step *step);
+
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
@@ -55598,8 +55732,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* Solves it for the body's increment, with guests. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests' forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
 
 /* ---- step_search.c ---- */
@@ -55637,12 +55771,233 @@ SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
 
 #endif /* SB_STEP_PRIVATE_H */
 
+/* ==== src/softbody/body/step_guest.c ==== */
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
+ * are kept by conjugate gradients, from which a step of several solves counts on. */
+#include <math.h>
+#include <string.h>
+
+
+/* ---- begin ---- */
+
+static sbi_guest_space *sbi_step_guest_space(const sbi_step *step) { return sbi_pcg_guests(&step->body->pcg); }
+
+/* Constraints eliminate an equation that a guest would need. */
+static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guests, sb_error *error)
+{
+    for (int g = 0; b->elimination && g < guests->count; g++)
+        for (int k = 0; k < guests->list[g]->node_count; k++) {
+            int node = guests->list[g]->nodes[k];
+            if (b->elimination->slave[node])
+                return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
+                                     node);
+        }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count)
+{
+    sb_body *b = step->body;
+    sbi_guests guests;
+    sb_result result;
+    guests.list = list;
+    guests.count = count;
+    if (count == 0)
+        return SB_OK;
+    result = sbi_pcg_reserve_guests(&b->pcg, b->elimination ? &b->elimination->matrix : &b->matrix, &guests,
+                                    &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_check_slaves(b, &guests, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    step->guests = guests;
+    for (int g = 0; g < count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->first[k] = work->guest->unknown[k];
+    }
+    return SB_OK;
+}
+
+static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix *matrix)
+{
+    const sb_body *b = step->body;
+    sbi_guest_step told;
+    memset(&told, 0, sizeof told);
+    told.matrix = matrix;
+    told.displacement = b->start;
+    told.velocity = b->velocity;
+    told.acceleration = b->acceleration;
+    told.velocity0 = b->velocity0;
+    told.acceleration0 = b->acceleration0;
+    told.present = b->displacement;
+    told.iteration = step->iteration;
+    told.dt = (double)step->dt;
+    told.velocity_factor = (double)step->cv;
+    told.acceleration_factor = (double)step->ca;
+    for (int k = 0; k < 2; k++) {
+        told.known_velocity[k] = (double)step->known_velocity[k];
+        told.known_acceleration[k] = (double)step->known_acceleration[k];
+    }
+    told.level = (double)step->level;
+    told.inertia_level = (double)step->inertia_level;
+    return told;
+}
+
+/* Unknowns as an iteration begins with them. */
+static void sbi_step_set_unknowns(const sbi_guest_work *work, const double *from)
+{
+    for (int k = 0; k < work->guest->unknown_count; k++)
+        work->guest->unknown[k] = from[k];
+}
+
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
+{
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    sbi_guest_step told;
+    if (step->guests.count == 0)
+        return SB_OK;
+    told = sbi_step_tell_guests(step, matrix);
+    space->matrix = matrix;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        sb_error *error = &step->info->error;
+        sb_result result;
+        sbi_step_set_unknowns(work, step->iteration > 0 ? work->base : work->first);
+        step->guests_begun = sbi_max_int(step->guests_begun, g + 1);
+        result = work->guest->begin ? work->guest->begin(work->guest->user, &told, error) : SB_OK;
+        if (result != SB_OK)
+            return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
+    }
+    return SB_OK;
+}
+
+/* ---- residual ---- */
+
+/* The part that a guest counts with: the one of the largest forces among those of its nodes; -1: it has no nodes. */
+static int sbi_step_guest_part(const sbi_step *step, const sbi_guest_space *space, const sbi_guest *guest, int parts)
+{
+    int part = -1;
+    if (parts == 1)
+        return guest->node_count > 0 ? 0 : -1;
+    for (int k = 0; k < guest->node_count; k++) {
+        int other = space->part_of[guest->nodes[k]];
+        if (part < 0 || step->body->part_scale[other] > step->body->part_scale[part])
+            part = other;
+    }
+    return part;
+}
+
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
+{
+    const sb_body *b = step->body;
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    const sb_vec3 *residual = b->elimination ? b->elimination->reduced : b->residual;
+    sb_vec3 *rest = (sb_vec3 *)(void *)space->rest;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
+        for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
+            space->part_of[parts->part_rows[k]] = c;
+    for (int g = 0; g < space->count; g++) {
+        space->work[g].done = 0;
+        space->work[g].part = sbi_step_guest_part(step, space, space->work[g].guest, parts->part_count);
+    }
+    sbi_guest_residual(space, NULL, NULL, space->rest);
+    sbi_guest_measure(space);
+}
+
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].part >= 0 && (part < 0 || space->work[g].part == part))
+            sum += space->work[g].sums[0];
+    return sum;
+}
+
+/* What rows of a guest without nodes are compared with: its loads. */
+static double sbi_step_lone_scale(const sbi_guest_space *space, const sbi_guest_work *work)
+{
+    const sbi_guest *guest = work->guest;
+    double sum = 0;
+    memset(work->in, 0, work->width * sizeof(double));
+    guest->residual(guest->user, work->in, work->out);
+    guest->precondition(guest->user, work->out, work->block);
+    for (size_t k = 0; k < work->size; k++)
+        sum += work->out[k] * work->block[k];
+    return sqrt(space->scale * sum);
+}
+
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        double norm = sqrt(work->sums[0]);
+        if (work->part < 0 && work->size > 0 && !(norm <= (double)rounding) &&
+            !(norm <= (double)step->tolerance * sbi_step_lone_scale(space, work)))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- the increment is taken ---- */
+
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
+{
+    if (step->guests.count > 0)
+        sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
+}
+
+SBI_API void sbi_step_guest_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *force = work->out + work->guest->unknown_count;
+        sbi_guest_force(work);
+        for (int k = 0; k < work->guest->node_count; k++, force += 3) {
+            int node = work->guest->nodes[k];
+            sb_vec3 f = sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]);
+            b->reaction[node] = sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], f), b->reaction[node]);
+        }
+    }
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_commit_guests(sbi_step *step)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        if (work->guest->commit)
+            work->guest->commit(work->guest->user, work->base);
+    }
+}
+
+SBI_API void sbi_step_undo_guests(sbi_step *step)
+{
+    for (int g = step->guests_begun; g-- > 0;) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_set_unknowns(work, work->first);
+        memset(work->base, 0, work->width * sizeof(double));
+        if (work->guest->undo)
+            work->guest->undo(work->guest->user);
+    }
+    step->guests_begun = 0;
+}
+
 /* ==== src/softbody/body/step_residual.c ==== */
 /* step_residual: forces, tangent and residual of a step or a static solve.
  *
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
  * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
  * A du = -r. */
+#include <math.h>
 #include <string.h>
 
 
@@ -55833,10 +56188,21 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
+    const sb_body *b = step->body;
+    if (step->guests_begun)
+        return (const sb_vec3 *)(const void *)sbi_pcg_guests(&b->pcg)->rest;
     return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* A norm with what guests add to it in this part of the matrix (-1: in all). */
+static sb_real sbi_step_with_guests(const sbi_step *step, sb_real norm, int part)
+{
+    if (!step->guests_begun)
+        return norm;
+    return (sb_real)sqrt((double)norm * (double)norm + sbi_step_guest_square(step, part));
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -55859,7 +56225,9 @@ SBI_API void sbi_step_residual(sbi_step *step)
     step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
+    if (step->guests_begun)
+        sbi_step_guest_residual(step, sbi_step_parts(b));
+    step->norm = sbi_step_with_guests(step, sbi_step_norm(b, sbi_step_unbalanced(step), SBI_STEP_FREE), -1);
 }
 
 /* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
@@ -55898,13 +56266,24 @@ static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
     int parts = sbi_step_parts(b)->part_count, meet = 1;
     step->info->residual = 0;
     for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real norm = step->norm;
         sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (parts > 1)
+            norm = sbi_step_with_guests(step, sbi_step_part_norm(b, c, sbi_step_unbalanced(step), SBI_STEP_FREE), c);
         if (scale > 0)
             step->info->residual = sb_max(step->info->residual, norm / scale);
         meet &= norm <= step->tolerance * scale || norm <= rounding;
     }
-    return meet;
+    return meet && (!step->guests_begun || sbi_step_lone_guests_meet(step, rounding));
+}
+
+/* 1 when there is nothing left of the guests' own rows. */
+static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    if (!step->guests_begun)
+        return 1;
+    return sbi_step_guest_square(step, -1) <= (double)(step->tolerance * step->scale * step->tolerance * step->scale) &&
+           sbi_step_lone_guests_meet(step, rounding);
 }
 
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
@@ -55912,7 +56291,9 @@ SBI_API int sbi_step_is_converged(sbi_step *step)
 {
     sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
     int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
-    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+    if (!meet && step->iteration > 0 && sbi_step_is_exhausted(step->body))
+        meet = sbi_step_guests_meet(step, rounding);
+    return !step->moves_supports && meet;
 }
 
 SBI_API int sbi_step_allows_inversion(const sb_body *b)
@@ -55996,17 +56377,13 @@ static void sbi_step_constrained_reactions(const sbi_step *step)
     sbi_constraint_reactions(b, b->work);
 }
 
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-SBI_API void sbi_step_reactions(const sbi_step *step)
+/* The same of a body without constraints. */
+static void sbi_step_support_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
-    if (b->elimination) {
-        sbi_step_constrained_reactions(step);
-        return;
-    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -56020,6 +56397,15 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         }
         b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
+}
+
+SBI_API void sbi_step_reactions(const sbi_step *step)
+{
+    if (step->body->elimination)
+        sbi_step_constrained_reactions(step);
+    else
+        sbi_step_support_reactions(step);
+    sbi_step_guest_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -56082,12 +56468,14 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     else
         sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    result = sbi_step_begin_guests(step, matrix);
+    if (result == SB_OK)
+        result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_step_now(b) - begin;
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -56096,14 +56484,11 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const 
     sbi_elimination *e = b->elimination;
     sb_result result;
     double begin = sbi_step_now(b);
-    (void)guests; /* conjugate gradients have none yet */
-    SB_ASSERT(guest_count == 0);
-    (void)guest_count;
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
@@ -56139,6 +56524,18 @@ typedef struct sbi_step_line {
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
+static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
+{
+    double linear, quadratic;
+    if (step->guests.count == 0)
+        return;
+    sbi_guest_line(sbi_pcg_guests(&step->body->pcg), &step->body->increment[0].x, &linear, &quadratic);
+    line->slope += (sb_real)linear;
+    line->linear += (sb_real)linear;
+    line->quadratic += (sb_real)quadratic;
+    line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -56161,6 +56558,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
+    sbi_step_add_guest_line(step, &line);
     return line;
 }
 
@@ -56186,10 +56584,12 @@ static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, i
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
+/* Takes a trial displacement, which is this share of the increment, and on supported axes `held` of it. */
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy, sb_real share, sb_real held)
 {
     sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_move_guests(step, share, held);
     step->energy = energy;
     step->energy_known = 1;
 }
@@ -56222,13 +56622,13 @@ static sb_result sbi_step_move_supports(sbi_step *step)
         if (b->elimination)
             sbi_elimination_follow(b->elimination, b->work, step->load_factor);
         if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_step_take(step, b->work, alone);
+            sbi_step_take(step, b->work, alone, 0, 1);
             return SB_OK;
         }
     }
     if (!(t > least))
         return sbi_step_no_step(step, bad);
-    sbi_step_take(step, b->work2, energy);
+    sbi_step_take(step, b->work2, energy, t, t);
     return SB_OK;
 }
 
@@ -56256,7 +56656,7 @@ static sb_result sbi_step_search(sbi_step *step)
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_step_take(step, b->work2, energy);
+            sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
             return SB_OK;
         }
@@ -56273,6 +56673,7 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
     } else {
         sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        sbi_step_move_guests(step, 1, 1);
     }
     if (result != SB_OK)
         return result;
@@ -56336,9 +56737,10 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
+    start.guests.count = 0;
     result = sbi_step_make_system(&start);
     if (result == SB_OK)
-        result = sbi_step_solve_system(&start, NULL, 0);
+        result = sbi_step_solve_system(&start);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
@@ -56363,10 +56765,14 @@ static void sbi_step_scheme_alpha(sbi_step *step)
     step->inertia_level = inertia;
     step->cv = gamma / (beta * dt);
     step->ca = inertia / (beta * dt * dt * level);
+    step->known_velocity[0] = 1 - level * gamma / beta;
+    step->known_velocity[1] = level * dt * (1 - gamma / (2 * beta));
+    step->known_acceleration[0] = -inertia / (beta * dt);
+    step->known_acceleration[1] = 1 - inertia / (2 * beta);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
-        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
-        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
@@ -56391,6 +56797,10 @@ static void sbi_step_scheme_newmark(sbi_step *step)
     int newmark = b->integrator == SB_NEWMARK;
     step->cv = (newmark ? 2 : 1) / dt;
     step->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->known_velocity[0] = newmark ? (sb_real)-1 : (sb_real)0;
+    step->known_velocity[1] = 0;
+    step->known_acceleration[0] = newmark ? -4 / dt : -1 / dt;
+    step->known_acceleration[1] = newmark ? (sb_real)-1 : (sb_real)0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {
@@ -56511,7 +56921,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step);
+        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -56525,13 +56935,13 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     return sbi_step_project(step, sbi_step_make_system(step));
 }
 
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve(sbi_step *step)
 {
-    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    sb_result result = sbi_step_solve_system(step);
     if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
         result = sbi_step_project(step, result);
         if (result == SB_OK)
-            result = sbi_step_solve_system(step, guests, guest_count);
+            result = sbi_step_solve_system(step);
     }
     return sbi_step_project(step, result);
 }
@@ -56560,7 +56970,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 {
     sb_result result = begun;
     while (result == SB_OK && !step->done) {
-        result = sbi_step_solve(step, NULL, 0);
+        result = sbi_step_solve(step);
         if (result == SB_OK)
             result = sbi_step_advance(step);
     }
@@ -56741,6 +57151,7 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    sbi_step_commit_guests(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -56752,14 +57163,17 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
-    return sbi_step_start(step);
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
+                        "an explicit step solves no system: it has no parts and no guests");
+    result = sbi_step_take_guests(step, guests, guest_count);
+    return result == SB_OK ? sbi_step_start(step) : result;
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -56779,8 +57193,10 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
         return 0;
     memset(&fresh, 0, sizeof fresh);
+    sbi_step_undo_guests(step);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
+    fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = 0;
     *step = fresh;
@@ -56794,6 +57210,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 {
     if (!step->body) /* refused at once */
         return result;
+    sbi_step_undo_guests(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -56830,19 +57247,25 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
-    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, info, &step);
+    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/step_static.c ==== */
@@ -57959,8 +58382,10 @@ SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
         return;
     if (out->bytes)
         memcpy(out->bytes + out->used, bytes, size);
-    for (size_t i = 0; out->hashes && i < size; i++)
-        out->hash = sbi_hash_word(out->hash, ((const unsigned char *)bytes)[i]);
+    for (size_t i = 0; out->hashes && i < size; i += 8) {
+        int width = size - i < 8 ? (int)(size - i) : 8;
+        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, width));
+    }
     out->overflow |= !sbi_size_add(&out->used, size, 1);
 }
 

@@ -15,8 +15,10 @@ SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
         return;
     if (out->bytes)
         memcpy(out->bytes + out->used, bytes, size);
-    for (size_t i = 0; out->hashes && i < size; i += 8)
-        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, size - i < 8 ? (int)(size - i) : 8));
+    for (size_t i = 0; out->hashes && i < size; i += 8) {
+        int width = size - i < 8 ? (int)(size - i) : 8;
+        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, width));
+    }
     out->overflow |= !sbi_size_add(&out->used, size, 1);
 }
 

@@ -38,7 +38,8 @@ typedef struct sbi_state_part {
                         sb_error *error);
 } sbi_state_part;
 
-/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken), SB_ERROR_MEMORY. */
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken),
+ * SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
 /* No longer; one that has not joined is fine. Parts end with the body, too. */
 SBI_API void sbi_body_leave(sb_body *body, const char *name);
