@@ -11178,6 +11178,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
+ * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
+
 /* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
  * by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
@@ -11943,6 +11947,45 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
         reader->at += sbi_reader_newline(reader, reader->at);
         sbi_reader_count_line(reader);
     }
+}
+
+/* Whether the file begins with `start`, whatever the case of its letters. */
+static int sbi_reader_begins(const sbi_reader *reader, const char *start)
+{
+    sbi_word word;
+    word.text = reader->data;
+    word.length = strlen(start);
+    return reader->size >= word.length && sbi_word_is(word, start);
+}
+
+/* By its byte order mark. */
+static int sbi_reader_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+                                 (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
+{
+    static const struct {
+        char start[20];
+        char kind[72];
+    } kinds[] = {{"\x1F\x8B", "packed by gzip: unpack it first"},
+                 {"PK\x03\x04", "a zip archive: unpack it first"},
+                 {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
+                 {"BZh", "packed by bzip2: unpack it first"},
+                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
+                 {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
+                 {"<html", "a web page, not the file that it shows or links to"},
+                 {"\x89PNG", "a PNG picture"},
+                 {"%PDF", "a PDF document"}};
+    if (sbi_reader_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (sbi_reader_begins(reader, kinds[i].start))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "the file is %s", kinds[i].kind);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
@@ -12922,20 +12965,15 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-/* By its byte order mark. */
-static int sbi_meshio_is_utf16(const sbi_reader *reader)
-{
-    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
-           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
-            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
-}
-
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
-    if (sbi_meshio_is_utf16(reader))
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    if (!sbi_stl_is_binary(reader->data, reader->size)) {
+        sb_result result = sbi_reader_check_kind(reader);
+        if (result)
+            return result;
+    }
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)
@@ -19169,8 +19207,10 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result;
+    sb_result result = sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
+    if (result)
+        return result;
     switch (format) {
     case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);

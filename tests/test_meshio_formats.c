@@ -1572,11 +1572,65 @@ static void test_real_meshes(void)
     }
 }
 
+/* ---- files that are something else ------------------------------------------------------------------ */
+
+/* What people have in place of the file that they think of, by its first bytes, and a word of the error. */
+static void test_other_kinds(void)
+{
+    static const char *const starts[][2] = {{"\x1F\x8B\x08", "gzip"}, {"PK\x03\x04\x14", "zip archive"},
+                                            {"7z\xBC\xAF\x27\x1C", "7z"}, {"BZh91AY", "bzip2"},
+                                            {"\xFD" "7zXZ", "xz"}, {"version https://git-lfs.github.com/spec/v1\n", "LFS"},
+                                            {"<!doctype HTML><html>", "web page"}, {"<html><body>", "web page"},
+                                            {"\x89PNG\r\n", "PNG"}, {"%PDF-1.7", "PDF"}, {"\xFF\xFE#", "UTF-16"}};
+    static const char *const names[] = {"a.vtk", "a.vtu", "a.msh", "a.mesh", "a.obj", "a.stl", "a.ply", "a.off", "a"};
+    for (size_t k = 0; k < sizeof starts / sizeof starts[0]; k++) {
+        char content[128];
+        size_t length = strlen(starts[k][0]);
+        sb_image image;
+        sb_error error;
+        memset(content, 0, sizeof content);
+        memcpy(content, starts[k][0], length);
+        for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
+            sb_mesh mesh;
+            CHECK_RESULT(sb_mesh_load_memory(&mesh, content, sizeof content, SB_FILE_AUTO, names[n], NULL, &error),
+                         SB_ERROR_UNSUPPORTED);
+            if (!CHECK(strstr(error.message, starts[k][1]) != NULL))
+                printf("    %s: %s\n", names[n], error.message);
+        }
+        CHECK_RESULT(sb_image_load_memory(&image, content, sizeof content, NULL, NULL, &error), SB_ERROR_UNSUPPORTED);
+        CHECK(strstr(error.message, starts[k][1]) != NULL);
+    }
+}
+
+/* The header of a binary STL file is anybody's. */
+static void test_stl_headers(void)
+{
+    static const char *const headers[] = {"PK\x03\x04", "\x1F\x8B", "<html>", "%PDF", "version https://git-lfs", "solid"};
+    for (size_t k = 0; k < sizeof headers / sizeof headers[0]; k++) {
+        bytes f = {NULL, 0, 0, 0};
+        char header[80];
+        sb_mesh mesh;
+        sb_error error;
+        memset(header, ' ', sizeof header);
+        memcpy(header, headers[k], strlen(headers[k]));
+        put(&f, header, sizeof header);
+        put_int(&f, 1, 4);
+        for (int i = 0; i < 12; i++)
+            put_real(&f, i == 3 || i == 7 || i == 2, 4);
+        put_int(&f, 0, 2);
+        if (CHECK_OK(sb_mesh_load_memory(&mesh, f.data, f.size, SB_FILE_AUTO, "a.stl", NULL, &error)))
+            CHECK_INT(mesh.element_count, 1);
+        sb_mesh_free(&mesh);
+        bytes_free(&f);
+    }
+}
+
 CHECK_SUITE(meshio_formats, {"gmsh 1, 3 and 4.0", test_gmsh_versions}, {"names of gmsh's groups", test_gmsh_names},
             {"medit", test_medit}, {"vtu in every encoding", test_vtu_encodings}, {"vtu in pieces", test_vtu_pieces},
             {"vtp", test_vtp}, {"inflate", test_inflate}, {"mixed meshes become tets", test_mixed_meshes},
             {"sets of mixed meshes", test_mixed_sets}, {"curved cells become tet10", test_curved_cells},
             {"fields that are regions", test_region_fields}, {"gmsh's tet10 order is named", test_gmsh_order},
             {"errors say where", test_errors}, {"hostile xml", test_hostile_xml}, {"real meshes as vtu", test_real_meshes},
-            {"short files", test_short_files},
+            {"short files", test_short_files}, {"files that are something else", test_other_kinds},
+            {"headers of binary STL files", test_stl_headers},
             {"failing memory", test_memory_failures}, {"mutations", test_mutations});
