@@ -16,13 +16,10 @@ cat >"$work/known" <<'END'
 needle/needle needle/needle_resist
 needle/tissue_matrix needle/tissue_precond
 needle/tissue_precond needle/tissue_step
-softbody/body/body_material softbody/body/body
-softbody/body/body_read softbody/body/body
 softbody/body/step_residual softbody/body/step_system
 softbody/body/body softbody/body/live_mesh
 softbody/body/body softbody/body/load
 softbody/body/body_read softbody/body/live_mesh
-softbody/body/live_build softbody/body/live_mesh
 softbody/body/live_change softbody/body/live_mesh
 softbody/fem/assembly_batch softbody/fem/assembly
 softbody/fem/assembly_live softbody/fem/assembly

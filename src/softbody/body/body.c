@@ -2,6 +2,7 @@
 #include "body.h"
 #include "body_private.h"
 #include "live_private.h"
+#include "state_part.h"
 
 #include <string.h>
 
@@ -26,31 +27,6 @@ SB_API sb_body_def sb_default_body_def(void)
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;
     return def;
-}
-
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
 }
 
 /* ---- creation: arguments ---- */
@@ -145,11 +121,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 /* The same for what depends on cells, parts and the matrix. */
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
-    size_t parts = (size_t)body->component_count;
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -248,19 +224,29 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-SBI_API void sbi_body_label_nodes(sb_body *body)
+static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
         body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        if (lonely) /* it would make every system singular */
+        if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
         else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
@@ -279,7 +265,7 @@ SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
     body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(&body->allocator, node_colours);
-    return SB_OK;
+    return sbi_live_make_assembly(body, error);
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
@@ -302,11 +288,12 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
     if (result == SB_OK)
         result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
+    body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -384,6 +371,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 

@@ -8,15 +8,18 @@
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
     int local[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < corners; a++)
         local[a] = a;
-    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
-        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+    for (int at = sbi_live_first_cell(body, cell[0]); at >= 0; at = sbi_live_next_cell(body, cell[0], at)) {
+        int e = sbi_live_cell_of(body, at);
+        if (e >= element)
+            return 0;
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)e * (size_t)n, local, corners))
             return 1;
+    }
     return 0;
 }
 

@@ -139,7 +139,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
         sbi_free(&body->allocator, copy);
         copy = NULL;
     } else if (!copy) {
-        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
     }
@@ -293,7 +293,7 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
     if (!body->damping_blocks)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
     return SB_OK;

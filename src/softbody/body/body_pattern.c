@@ -86,13 +86,15 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
     result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
                               error);
     sbi_free(&body->allocator, start);
+    if (result == SB_OK)
+        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
 static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
 {
-    size_t blocks = (size_t)pattern->matrix.block_count;
+    size_t blocks = (size_t)sbi_matrix_capacity(&pattern->matrix);
     if (body->mass_blocks)
         pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
     if (sbi_assembly_has_pairs(&body->assembly))
@@ -103,7 +105,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
                                             sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = pattern->matrix.block_count;
+    int most = sbi_matrix_capacity(&pattern->matrix);
     const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
@@ -156,6 +158,8 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
                                     &pattern->precond, error);
@@ -241,11 +245,11 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
     return largest;
 }
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error)
 {
     sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
+    return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)

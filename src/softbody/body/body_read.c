@@ -1,6 +1,7 @@
 /* body_read: sizes, motion and what can be read from it. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 #include "live_mesh.h"
 
 #include <string.h>
@@ -19,7 +20,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
     }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
 
 /* ---- motion ---- */
 
@@ -287,11 +288,9 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain;
-    const sb_index_lists *lists;
     if (!body || !values)
         return;
     domain = &body->domain;
-    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -301,8 +300,8 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
     for (int i = 0; i < domain->node_count; i++) {
         sb_real volume = 0;
-        for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            volume += sbi_body_element_volume(body, lists->items[k]);
+        for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at))
+            volume += sbi_body_element_volume(body, sbi_live_cell_of(body, at));
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }

@@ -1,6 +1,7 @@
 /* body_support: nodes that are held, faces by their corners, and what holds the parts of a body. */
 #include "body.h"
 #include "body_private.h"
+#include "live_private.h"
 
 #include <string.h>
 
@@ -30,12 +31,11 @@ static int sbi_body_is_reversed(const int *a, const int *b, int corners)
 /* Finds the element face with these corner nodes; 0 when there is none. */
 static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
 {
-    const sb_index_lists *lists = &body->node_elements;
     sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         for (int face = 0; face < sbi_element_face_count(element); face++) {
             int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
             sb_element_type face_type = SB_NO_ELEMENT;
@@ -111,7 +111,7 @@ static int sbi_body_row_length(const sb_body *body, int node)
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int most = body->matrix.block_count, capacity;
+    int most = sbi_matrix_capacity(&body->matrix), capacity;
     void *blocks;
     if (needed <= body->support_capacity)
         return SB_OK;
@@ -129,7 +129,7 @@ SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
  * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = body->support_used, most = body->matrix.block_count;
+    int needed = body->support_used, most = sbi_matrix_capacity(&body->matrix);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);

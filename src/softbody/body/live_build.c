@@ -113,11 +113,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     sb_domain *domain = &next->domain;
     sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     next->live = live;
+    cells = (size_t)mesh->cells.capacity;
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
+    domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
@@ -125,7 +127,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
-        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+        next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
@@ -134,7 +136,10 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
+    live->follows = body->live->follows;
+    live->slack = body->live->slack;
     live->version = body->live->version + 1;
     next->node_capacity = live->nodes.capacity;
     next->material_count = body->material_count;
@@ -203,18 +208,23 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);
     if (result == SB_OK)
+        result = sbi_live_make_matrix(next, &next->matrix, error);
+    if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
+    next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
     if (result == SB_OK)
         result = sbi_body_take_topology(next, error);
     if (result != SB_OK)
         return result;
     memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    result = sbi_body_prepare_assembly(next, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_label_nodes(next);
     result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(next, error);
+        result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
@@ -667,6 +677,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    body->parts = old.parts;
+    next->parts = NULL;
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;

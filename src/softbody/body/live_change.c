@@ -652,11 +652,12 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
 /* Upper bound of the cells that a moved node reshapes. */
 static int sbi_change_count_reshaped(const sb_body_change *change)
 {
-    const sb_index_lists *lists = &change->body->node_elements;
+    const sb_body *body = change->body;
     int64_t count = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        count += lists->offsets[node + 1] - lists->offsets[node];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+            count++;
     }
     return count < INT32_MAX ? (int)count : INT32_MAX;
 }
@@ -733,11 +734,11 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
                                      sb_mesh_change *out)
 {
-    const sb_index_lists *elements = &change->body->node_elements;
+    const sb_body *body = change->body;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
-            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
             if (!stays)

@@ -1,117 +1,10 @@
-/* live_mesh: slots, readings and listeners of a mesh that may change. */
+/* live_mesh: readings and listeners of a mesh that may change. */
 #include "live_mesh.h"
 #include "live_private.h"
 
 #include <string.h>
 
-/* ---- slots ---- */
-
-SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator)
-{
-    memset(slots, 0, sizeof *slots);
-    slots->stack = (int *)sbi_alloc(allocator, (size_t)capacity + 1, sizeof(int));
-    slots->used = (unsigned char *)sbi_alloc_zeroed(allocator, (size_t)capacity + 1, 1);
-    if (!slots->stack || !slots->used) {
-        sbi_slots_free(slots, allocator);
-        return 0;
-    }
-    slots->capacity = capacity;
-    slots->end = slots->fresh = used;
-    memset(slots->used, 1, (size_t)used);
-    return 1;
-}
-
-SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
-{
-    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
-        return 0;
-    to->end = from->end;
-    to->fresh = from->fresh;
-    to->count = from->count;
-    memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
-    memcpy(to->used, from->used, (size_t)from->capacity);
-    return 1;
-}
-
-SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator)
-{
-    sbi_free(allocator, slots->stack);
-    sbi_free(allocator, slots->used);
-    memset(slots, 0, sizeof *slots);
-}
-
-SBI_API int sbi_slots_is_used(const sbi_slots *slots, int slot)
-{
-    return slot >= 0 && slot < slots->end && slots->used[slot];
-}
-
-SBI_API int sbi_slots_take(sbi_slots *slots)
-{
-    int slot;
-    if (slots->count == 0 && slots->fresh == slots->capacity)
-        return -1;
-    slot = slots->count ? slots->stack[--slots->count] : slots->fresh++;
-    slots->used[slot] = 1;
-    slots->end = sbi_max_int(slots->end, slot + 1);
-    return slot;
-}
-
-SBI_API void sbi_slots_give(sbi_slots *slots, int slot)
-{
-    int merged = 0;
-    slots->used[slot] = 0;
-    slots->stack[slots->count++] = slot;
-    while (slots->end > 0 && !slots->used[slots->end - 1])
-        slots->end--;
-    while (merged < slots->count && slots->stack[merged] == slots->fresh - 1) {
-        slots->fresh--;
-        merged++;
-    }
-    slots->count -= merged;
-    if (merged)
-        memmove(slots->stack, slots->stack + merged, (size_t)slots->count * sizeof(int));
-}
-
 /* ---- what a body has of it ---- */
-
-/* count and a share of it more; -1: too many. */
-static int sbi_live_with_slack(int count, sb_real slack)
-{
-    double most = (double)count + (double)slack * (double)count + 1;
-    return most < (double)(INT32_MAX / 8) ? (int)most : -1;
-}
-
-SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    int nodes = body->domain.node_count, cells = body->domain.cell_count;
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
-    int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
-    sbi_live *live;
-    body->node_capacity = nodes;
-    if (def->slack == 0)
-        return SB_OK;
-    if (def->domain)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.slack does not go with def.domain: where points of new cells "
-                                                     "would be is unknown");
-    live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
-    body->live = live;
-    if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
-        !sbi_slots_create(&live->cells, cell_capacity, cells, allocator))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d nodes and %g as much in reserve", nodes,
-                        (double)def->slack);
-    live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)cell_capacity, sizeof(sb_real));
-    if (!live->shares)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
-    for (int e = 0; e < cells; e++)
-        live->shares[e] = 1;
-    live->rule = body->domain.points_per_cell - body->domain.mean_point ==
-                         sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
-                     ? SB_QUADRATURE_STIFFNESS
-                     : SB_QUADRATURE_STIFFNESS_CURVED;
-    body->node_capacity = node_capacity;
-    return SB_OK;
-}
 
 SBI_API void sbi_live_destroy(sb_body *body)
 {
@@ -286,10 +179,9 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     return SB_OK;
 }
 
-/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
-static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+/* Motion of free nodes, and mass and elements of all; mass: summed anew; *listed: counts the elements. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, size_t *listed, sb_error *error)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
     sb_vec3 u = body->displacement[i], v = body->velocity[i];
     if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
@@ -298,13 +190,14 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
         return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
                              (double)body->lumped_mass[i], (double)mass);
-    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        int found = 0;
+    for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at)) {
+        int e = sbi_live_cell_of(body, at), found = 0;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        ++*listed;
         for (int a = 0; a < n; a++)
             found |= cell[a] == i;
-        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+        if (!found || !sb_body_cell_in_use(body, e))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, e);
     }
     return SB_OK;
 }
@@ -313,7 +206,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_real *mass;
-    size_t used = 0;
+    size_t used = 0, listed = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -341,11 +234,13 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
-    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
-        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
-                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
-        result = sbi_live_check_node(body, i, mass[i], error);
+        result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && used != listed)
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
+                          (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
     return result;
 }

@@ -2,6 +2,7 @@
 #ifndef SB_LIVE_PRIVATE_H
 #define SB_LIVE_PRIVATE_H
 
+#include "../fem/assembly_live.h"
 #include "body_private.h"
 #include "live_mesh.h"
 
@@ -34,6 +35,8 @@ typedef struct sbi_live {
     sbi_slots nodes, cells;
     sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
     sb_quadrature_kind rule;  /* of the domain's points */
+    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;             /* of the def */
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -79,6 +82,11 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
 SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Matrix, and the body's cells of each node, as ones that follow; others stay as they are. */
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error);
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
+/* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
+SBI_API void sbi_live_label_nodes(sb_body *body);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -89,5 +97,35 @@ SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
     return body->live ? density * body->live->shares[cell] : density;
 }
 SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
+/* Cells and parts that arrays have room for. */
+SB_INLINE int sbi_live_cell_room(const sb_body *body)
+{
+    return body->live ? body->live->cells.capacity : body->domain.cell_count;
+}
+SB_INLINE int sbi_live_part_room(const sb_body *body) /* a part has a cell */
+{
+    return sbi_live_follows(body) ? body->node_capacity / body->domain.nodes_per_cell + 1 : body->component_count;
+}
+
+/* Walks the cells of a node in ascending order: `at` from sbi_live_first_cell on by sbi_live_next_cell until it is < 0;
+ * sbi_live_cell_of(body, at) is the cell. */
+SB_INLINE int sbi_live_first_cell(const sb_body *body, int node)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    if (body->assembly.live)
+        return body->assembly.live->corner_first[node];
+    return lists->offsets[node] < lists->offsets[node + 1] ? lists->offsets[node] : -1;
+}
+SB_INLINE int sbi_live_next_cell(const sb_body *body, int node, int at)
+{
+    if (body->assembly.live)
+        return body->assembly.live->corner_next[at];
+    return at + 1 < body->node_elements.offsets[node + 1] ? at + 1 : -1;
+}
+SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
+{
+    return body->assembly.live ? at / 4 : body->node_elements.items[at];
+}
 
 #endif /* SB_LIVE_PRIVATE_H */

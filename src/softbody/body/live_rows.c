@@ -144,10 +144,9 @@ static void sbi_live_rows_close(sbi_live_rows *rows)
 /* 1 when a cell of the next mesh has all nodes of the list. */
 static int sbi_live_share_cell(const sb_body *body, const int *nodes, int count)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[nodes[0]]; k < lists->offsets[nodes[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         int found = 0;
         for (int i = 0; i < count; i++)
             for (int a = 0; a < n; a++)

@@ -8,6 +8,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "state_part.h"
 #include "../base/output.h"
 #include "step_explicit.h"
 
@@ -96,6 +97,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -1178,19 +1180,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -1198,14 +1200,29 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
         if (part->walk == sbi_state_live && !body->live)
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -1241,6 +1258,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -1253,6 +1271,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -1260,8 +1279,10 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
 }
 
@@ -1269,7 +1290,7 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -1278,19 +1299,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -1305,13 +1333,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -1339,10 +1367,12 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

@@ -51,9 +51,10 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
+    start.guests.count = 0;
     result = sbi_step_make_system(&start);
     if (result == SB_OK)
-        result = sbi_step_solve_system(&start, NULL, 0);
+        result = sbi_step_solve_system(&start);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
@@ -78,10 +79,14 @@ static void sbi_step_scheme_alpha(sbi_step *step)
     step->inertia_level = inertia;
     step->cv = gamma / (beta * dt);
     step->ca = inertia / (beta * dt * dt * level);
+    step->known_velocity[0] = 1 - level * gamma / beta;
+    step->known_velocity[1] = level * dt * (1 - gamma / (2 * beta));
+    step->known_acceleration[0] = -inertia / (beta * dt);
+    step->known_acceleration[1] = 1 - inertia / (2 * beta);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
-        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
-        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
@@ -106,6 +111,10 @@ static void sbi_step_scheme_newmark(sbi_step *step)
     int newmark = b->integrator == SB_NEWMARK;
     step->cv = (newmark ? 2 : 1) / dt;
     step->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->known_velocity[0] = newmark ? (sb_real)-1 : (sb_real)0;
+    step->known_velocity[1] = 0;
+    step->known_acceleration[0] = newmark ? -4 / dt : -1 / dt;
+    step->known_acceleration[1] = newmark ? (sb_real)-1 : (sb_real)0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {

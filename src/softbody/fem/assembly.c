@@ -1,6 +1,7 @@
 /* assembly: loops over integration points. */
 #include "assembly_batch.h"
 #include "assembly_live.h"
+#include "material_models.h"
 
 #include <string.h>
 
@@ -25,7 +26,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
@@ -144,10 +145,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
+{
+    return !assembly->domain->cell_capacity && sbi_batch_fits(assembly->domain);
+}
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->live) {
+        sbi_assembly_map_rows(assembly, matrix);
+        return;
+    }
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
@@ -411,7 +419,7 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
         if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -431,7 +439,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
     }
@@ -462,7 +470,7 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
     if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -540,7 +548,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
-        if (cell[0] < 0)
+        if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
@@ -930,7 +938,7 @@ static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, co
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {

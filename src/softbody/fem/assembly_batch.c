@@ -201,13 +201,7 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin;
-        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
-            for (int k = 0; k < 3 * (n - 1); k++)
-                d[k][l] = 0;
-            continue;
-        }
-        origin = u[cell[0]];
+        sb_vec3 origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -270,7 +264,7 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
-        if (cell[0] < 0)
+        if (cell[0] == cell[1]) /* a free slot: node 0 may be at work on another thread */
             continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];

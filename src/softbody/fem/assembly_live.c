@@ -140,7 +140,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
     sbi_assembly_live *live = assembly->live;
     int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
-        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;
             live->chunk_nodes[first + count++] = cells[k];
         }
@@ -151,6 +151,12 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
@@ -158,12 +164,10 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     for (int i = 0; i < live->node_capacity; i++)
         live->corner_first[i] = -1;
     for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        int node = domain->cells[corner];
-        if (node >= 0)
-            sbi_ring_add(live, node, corner);
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
     }
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
+    sbi_assembly_map_rows(assembly, matrix);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
@@ -261,13 +265,13 @@ static int sbi_assembly_grow_memory(sbi_assembly *assembly)
 }
 
 /* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
 {
     sbi_assembly_live *live = assembly->live, grown = *live;
     size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = matrix->live->row_capacity;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = matrix->live->block_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
@@ -282,6 +286,15 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
 }
 
 /* Places to keep what parents have; 0: no memory. */

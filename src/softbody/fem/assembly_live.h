@@ -43,6 +43,9 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Memory for another matrix of the same nodes, and its maps. */
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
 SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
 
 /* Place of a pair in pair_next. */

@@ -392,8 +392,7 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 
 static void sbi_domain_blank(sb_domain *domain, int e)
 {
-    for (int a = 0; a < 4; a++)
-        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->cells + 4 * (size_t)e, 0, 4 * sizeof(int));
     memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
     domain->weights[e] = 0;
 }

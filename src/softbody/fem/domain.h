@@ -81,7 +81,8 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
-/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
+ * has weight and gradients of 0, so that loops that only read need not know. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
  * has changed. */
@@ -91,7 +92,8 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
-    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    return nodes[0] == nodes[1];
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which

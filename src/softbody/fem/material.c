@@ -1,5 +1,5 @@
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
-#include "material.h"
+#include "material_models.h"
 
 #include <string.h>
 
@@ -320,7 +320,7 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real energy = 0;
     if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_energy_inline((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
+        !sbi_model_energy((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
         return 0;
     *W = energy;
     if (rotation)
@@ -333,7 +333,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_stress_inline((int)material->model, material, F, &q, &stress) ||
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
         !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
@@ -348,7 +348,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
     if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_tangent_inline((int)material->model, material, F, &q, kind, tangent) ||
+        !sbi_model_tangent((int)material->model, material, F, &q, kind, tangent) ||
         !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
@@ -378,7 +378,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_real energy = 0;
     if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -389,7 +389,7 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
     if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -400,7 +400,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
     sb_vec3 unit;
     sb_real tangent[81] = {0};
     if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];

@@ -129,6 +129,11 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
 }
 
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->row_capacity : matrix->row_count;
+}
+
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
 
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
