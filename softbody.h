@@ -2786,8 +2786,8 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
  * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
  * 0 may be NULL.
  *
- * A free slot of a cell has weights and gradients 0 and names node -1 in rooms that follow; a body that makes its rooms
- * anew has node 0 at every corner there, so that no loop needs a test. A free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test. A
+ * free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
@@ -3529,11 +3529,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
  * Every model is isotropic and elastic: W(F) [J/m^3 of reference volume], P = dW/dF [Pa] (the first
  * Piola-Kirchhoff stress) and A = dP/dF [Pa], with F = dx/dX dimensionless and J = det F. Fibres add to a
  * hyperelastic model in a direction that the caller gives with each F; Prony terms let it relax in time. No
- * function allocates or keeps state; all are thread-safe.
- *
- * Two ways in: sb_material_energy/stress/tangent choose the model at run time and check their input; the
- * sbi_..._inline workers take the model as a literal first argument, so that a loop over integration
- * points instantiated per model contains that model's arithmetic only. */
+ * function allocates or keeps state; all are thread-safe. */
 #ifndef SB_MATERIAL_H
 #define SB_MATERIAL_H
 
@@ -3718,749 +3714,6 @@ SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F,
 /* Von Mises equivalent sqrt(3/2 s:s) [Pa], s the deviator of a symmetric stress. */
 SB_API sb_real sb_von_mises(sb_mat3 sigma);
 
-
-/* ==== internal: workers of one model =====================================================================
- * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
- * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. */
-
-/* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
-
-/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
-SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
-{
-    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
-}
-
-/* scale a + shift I */
-SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
-{
-    a = sb_m3_scale(scale, a);
-    for (int i = 0; i < 3; i++)
-        a.m[i][i] += shift;
-    return a;
-}
-
-/* Writes block (i,k) and its mirror image (k,i); i <= k. */
-SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
-{
-    for (int j = 0; j < 3; j++)
-        for (int l = 0; l < 3; l++) {
-            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
-            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
-        }
-}
-
-/* A += weight d (x) d, exactly symmetric. */
-SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
-{
-    for (int p = 0; p < 9; p++) {
-        sb_real scaled = weight * d.m[p / 3][p % 3];
-        for (int q = p; q < 9; q++)
-            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
-    }
-}
-
-/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
-SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
-{
-    if (sb_abs(x) < (sb_real)0.125) {
-        sb_real sum = 1;
-        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
-            sum = 1 - x / (sb_real)n * sum;
-        return sum;
-    }
-    return (1 - sb_exp(-x)) / x;
-}
-
-/* ---- linear ---- */
-
-SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
-{
-    sb_mat3 e;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
-    return e;
-}
-
-/* lambda tr(e) I + 2 mu e */
-SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
-{
-    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
-    sb_real pressure = m->lambda * sb_m3_trace(e);
-    for (int i = 0; i < 3; i++)
-        s.m[i][i] += pressure;
-    return s;
-}
-
-/* lambda/2 tr(e)^2 + mu e:e */
-SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
-{
-    sb_real trace = sb_m3_trace(e);
-    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
-}
-
-/* ---- corotated ---- */
-
-/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
-typedef struct sbi_corotation {
-    sb_mat3 r;
-    sb_vec3 s;
-    sb_mat3 v;
-} sbi_corotation;
-
-SBI_FORCE_INLINE sbi_corotation sbi_corotate(const int model, const sb_mat3 *F, sb_quat *rotation)
-{
-    sbi_corotation c;
-    if (model == SB_COROTATED_INVERTIBLE) {
-        sb_mat3 u;
-        sb_m3_svd(*F, &u, &c.s, &c.v);
-        c.r = sb_m3_mult(u, c.v);
-    } else {
-        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
-        c.r = sb_quat_to_mat3(q);
-        if (rotation)
-            *rotation = q;
-        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
-        c.v = sb_m3_zero();
-    }
-    return c;
-}
-
-/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
-    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
-}
-
-SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 d = sb_m3_sub(*F, *r);
-    sb_real trace = sb_m3_ddot(*r, *F) - 3;
-    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
-}
-
-/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
- *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
- * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
- * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
-
-/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
-SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
-
-/* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
-{
-    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
-    sb_mat3 spin;
-    z[0] = mu + kappa / sb_max(s.y + s.z, least);
-    z[1] = mu + kappa / sb_max(s.x + s.z, least);
-    z[2] = mu + kappa / sb_max(s.x + s.y, least);
-    if (kind != SB_TANGENT_EXACT)
-        for (int k = 0; k < 3; k++)
-            z[k] = sb_max(z[k], 0);
-    for (int i = 0; i < 3; i++)
-        for (int j = i; j < 3; j++)
-            spin.m[i][j] = spin.m[j][i] =
-                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
-    return spin;
-}
-
-/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
- * rotation is nearly not unique. */
-SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
-{
-    sb_real trace = sb_m3_trace(stretch);
-    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
-    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
-    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
-        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
-        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
-            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
-        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
-            return sb_m3_zero();
-    }
-    sb_vec3 s;
-    sb_mat3 v;
-    sb_m3_eigen(stretch, &s, &v);
-    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
-}
-
-/* sym(R^T F) */
-SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
-{
-    sb_mat3 s = sb_m3_tmul(*r, *F);
-    for (int i = 0; i < 3; i++)
-        for (int j = i + 1; j < 3; j++)
-            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
-    return s;
-}
-
-/* [r]x m: column c is r x (column c of m). */
-SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
-{
-    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
-                         sb_v3_cross(r, sb_m3_column(m, 2)));
-}
-
-/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
-SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
-{
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ri = sbi_material_row(&r, i);
-        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
-        for (int k = i; k < 3; k++) {
-            sb_vec3 rk = sbi_material_row(&r, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
-            if (i == k)
-                block = sbi_material_affine(1, block, m->mu);
-            if (spin)
-                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE void sbi_corotated_tangent(const int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    sbi_corotation c = sbi_corotate(model, F, rotation);
-    sb_real kappa;
-    sb_mat3 spin;
-    if (kind == SB_TANGENT_QUASI) {
-        sbi_corotated_assemble(m, c.r, NULL, A);
-        return;
-    }
-    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
-    if (model == SB_COROTATED_INVERTIBLE)
-        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
-    else
-        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
-    sbi_corotated_assemble(m, c.r, &spin, A);
-}
-
-/* Hooke's tangent: the rotated one at R = I. */
-SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
-{
-    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
-}
-
-/* ---- St.Venant-Kirchhoff ---- */
-
-/* E = (F^T F - I)/2 */
-SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
-{
-    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
-}
-
-/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
-SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
-            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
-        }
-    }
-}
-
-/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
-
-/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
- *     P = alpha F + second N - epsilon B and
- *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
- *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
- * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
-typedef struct sbi_barrier {
-    sb_mat3 b;
-    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
-} sbi_barrier;
-
-/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
-SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
-{
-    *curvature = 2 * m->c20 + 6 * m->c30 * i;
-    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
-}
-
-/* The isochoric family's coefficients; cofactor = cof F. */
-SBI_FORCE_INLINE void sbi_barrier_isochoric(const int model, const sb_material *m, const sb_mat3 *F,
-                                            const sb_mat3 *cofactor, sbi_barrier *out)
-{
-    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
-    sb_real square = root * root, slope = m->c10, curvature = 0;
-    if (model == SB_REDUCED_POLYNOMIAL)
-        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
-    out->alpha = 2 * slope / square;
-    out->beta = -(sb_real)2 / 3 * out->alpha;
-    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
-    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
-    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
-        out->zeta = 4 * curvature / (square * square);
-        out->beta -= out->zeta * I1 / 3;
-        out->gamma += out->zeta * I1 * I1 / 9;
-    }
-    if (model == SB_MOONEY_RIVLIN) {
-        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
-        out->second = 2 * m->c01 / (square * square);
-        out->zeta = 2 * out->second;
-        out->gamma += (sb_real)8 / 9 * out->second * I2;
-        out->epsilon += 2 * out->second * I2 / 3;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_at(const int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    if (!(J > 0))
-        return 0;
-    out->J = J;
-    out->b = sb_m3_scale(1 / J, cofactor);
-    out->zeta = out->second = 0;
-    if (model == SB_NEO_HOOKEAN) {
-        out->alpha = m->mu;
-        out->beta = 0;
-        out->gamma = m->lambda;
-        out->epsilon = m->mu - m->lambda * sb_log(J);
-    } else {
-        sbi_barrier_isochoric(model, m, F, &cofactor, out);
-    }
-    return 1;
-}
-
-/* N = F (I1 I - C) */
-SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
-}
-
-SBI_FORCE_INLINE int sbi_barrier_stress(const int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    *P = sb_m3_scale(c.alpha, *F);
-    if (model == SB_MOONEY_RIVLIN)
-        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
-    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
-    return 1;
-}
-
-SBI_FORCE_INLINE int sbi_barrier_energy(const int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
-{
-    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
-    if (!(J > 0))
-        return 0;
-    if (model == SB_NEO_HOOKEAN) {
-        sb_real log_J = sb_log(J);
-        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
-    } else {
-        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
-        if (model == SB_REDUCED_POLYNOMIAL)
-            slope += i * (m->c20 + m->c30 * i);
-        *W = slope * i + (J - 1) * (J - 1) / m->d1;
-        if (model == SB_MOONEY_RIVLIN) {
-            sb_mat3 cofactor = sb_m3_cofactor(*F);
-            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
-        }
-    }
-    return 1;
-}
-
-/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
- * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
-SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 right = sb_m3_tmul(*F, *F);
-    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
-            block = sb_m3_add(block, sb_m3_outer(li, bk));
-            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
-            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
-            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
-            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
-            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
-        }
-    }
-}
-
-SBI_FORCE_INLINE int sbi_barrier_tangent(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sbi_barrier c;
-    if (!sbi_barrier_at(model, m, F, &c))
-        return 0;
-    if (model == SB_MOONEY_RIVLIN) {
-        sbi_mooney_tangent(&c, F, A);
-        return 1;
-    }
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c.b, i);
-        sb_vec3 fi = sbi_material_row(F, i);
-        for (int k = i; k < 3; k++) {
-            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
-            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
-                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
-            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
-            if (model != SB_NEO_HOOKEAN) {
-                sb_vec3 left = sb_v3_scale(c.beta, bk);
-                if (model == SB_REDUCED_POLYNOMIAL)
-                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
-                block = sb_m3_add(block, sb_m3_outer(fi, left));
-            }
-            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
-        }
-    }
-    return 1;
-}
-
-/* ---- stable neo-Hookean ---- */
-
-/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
-SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
-{
-    sb_mat3 cofactor = sb_m3_cofactor(*F);
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
-    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
-}
-
-SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
-{
-    sb_real growth = sb_m3_det(*F) - 1;
-    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
-           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
-}
-
-/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
- * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
-SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    sb_mat3 c = sb_m3_cofactor(*F);
-    sb_real stiffness = m->lambda + m->mu;
-    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
-        for (int k = i; k < 3; k++) {
-            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
-            if (i == k) {
-                block = sbi_material_affine(1, block, m->mu);
-            } else {
-                int n = 3 - i - k;
-                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
-                for (int j = 0; j < 3; j++) {
-                    int l = (j + 1) % 3, p = (j + 2) % 3;
-                    block.m[j][l] += signed_q * F->m[n][p];
-                    block.m[l][j] -= signed_q * F->m[n][p];
-                }
-            }
-            sbi_tangent_put(A, i, k, block);
-        }
-    }
-}
-
-/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
-
-/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
-SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
-{
-    sb_real lower[9][9], largest = 0, tolerance;
-    for (int r = 0; r < 9; r++) {
-        largest = sb_max(largest, A[10 * r]);
-        for (int c = 0; c <= r; c++)
-            lower[r][c] = A[9 * r + c];
-    }
-    tolerance = 32 * SB_EPSILON * largest;
-    for (int c = 0; c < 9; c++) {
-        sb_real pivot = lower[c][c];
-        if (pivot > tolerance) {
-            for (int r = c + 1; r < 9; r++) {
-                sb_real factor = lower[r][c] / pivot;
-                for (int q = c + 1; q <= r; q++)
-                    lower[r][q] -= factor * lower[q][c];
-            }
-            continue;
-        }
-        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
-        if (!(pivot >= -tolerance))
-            return 0;
-        for (int r = c + 1; r < 9; r++)
-            if (!(sb_abs(lower[r][c]) <= tolerance))
-                return 0;
-    }
-    return 1;
-}
-
-/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
- * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
-typedef struct sbi_principal {
-    sb_mat3 stretch;
-    sb_real same[3], cross[3];
-} sbi_principal;
-
-SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
-    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
-        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
-        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
-        out->cross[i] = m->mu * s[j] * s[k];
-    }
-}
-
-/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
-SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
-{
-    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
-    sb_real normal[3]; /* N_i = normal_i s_i */
-    for (int i = 0; i < 3; i++)
-        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
-        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
-                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
-        out->stretch.m[j][k] = out->stretch.m[k][j] =
-            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
-             c->gamma) *
-                product +
-            c->zeta * s[j] * s[k];
-        out->same[i] = c->alpha + c->second * squares[i];
-        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
-    }
-}
-
-SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
-{
-    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
-        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
-        out->same[i] = m->mu;
-        out->cross[i] = -q * s[i];
-    }
-}
-
-/* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(const int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
-{
-    sbi_barrier c;
-    if (model == SB_SVK)
-        sbi_principal_svk(m, s, out);
-    else if (model == SB_STABLE_NEO_HOOKEAN)
-        sbi_principal_stable(m, s, out);
-    else if (sbi_barrier_at(model, m, F, &c))
-        sbi_principal_barrier(&c, s, out);
-}
-
-/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
-SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    sb_vec3 values;
-    sb_mat3 modes;
-    sb_m3_eigen(stretch, &values, &modes);
-    const sb_real scaling[3] = {values.x, values.y, values.z};
-    for (int k = 0; k < 3; k++) {
-        sb_mat3 scaled = u;
-        if (!(scaling[k] < 0))
-            continue;
-        for (int c = 0; c < 3; c++)
-            for (int r = 0; r < 3; r++)
-                scaled.m[r][c] *= modes.m[c][k];
-        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
-    }
-}
-
-/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
- * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
- * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
- * care (Smith et al. 2019). */
-SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
-{
-    for (int k = 0; k < 3; k++) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
-        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
-        sb_real twist = principal->same[k] - principal->cross[k];
-        sb_real flip = principal->same[k] + principal->cross[k];
-        if (twist < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
-        if (flip < 0)
-            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
-    }
-    if (!sbi_material_is_positive(principal->stretch))
-        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
-}
-
-/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
-SBI_FORCE_INLINE void sbi_tangent_project(const int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
-{
-    if (sbi_tangent_is_semidefinite(A))
-        return;
-    sb_mat3 u, v;
-    sb_vec3 stretches;
-    sbi_principal principal;
-    sb_m3_svd(*F, &u, &stretches, &v);
-    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
-    sbi_principal_at(model, m, F, s, &principal);
-    sbi_tangent_lift(&principal, u, v, A);
-}
-
-/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
- * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
- * add to their output, and return 0 with it untouched when the share is not finite. */
-
-/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
-{
-    sb_real e, growth;
-    *a = sb_m3_apply(*F, a0);
-    e = sb_v3_dot(*a, *a) - 1;
-    *first = *second = 0;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
-    *first = growth * e;
-    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
-    return sb_is_finite(*first) && sb_is_finite(*second);
-}
-
-SBI_FORCE_INLINE int sbi_fibre_energy_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
-{
-    sb_vec3 a = sb_m3_apply(*F, a0);
-    sb_real e = sb_v3_dot(a, a) - 1, energy;
-    if (!(e > 0) || !(m->fibre_stiffness > 0))
-        return sb_is_finite(e);
-    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
-    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
-    if (!sb_is_finite(energy))
-        return 0;
-    *W += energy;
-    return 1;
-}
-
-/* P = 2 W' a a0^T */
-SBI_FORCE_INLINE int sbi_fibre_stress_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (first > 0)
-        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
-    return 1;
-}
-
-/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
- * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
-SBI_FORCE_INLINE int sbi_fibre_tangent_inline(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
-{
-    sb_vec3 a;
-    sb_real first, second;
-    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
-        return 0;
-    if (!(second > 0))
-        return 1;
-    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
-    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < 3; l++)
-                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
-    return 1;
-}
-
-/* ---- the workers; `model` is a literal where speed counts ---- */
-
-SBI_FORCE_INLINE int sbi_material_energy_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_real *W)
-{
-    switch (model) {
-    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *W = sbi_corotated_energy(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
-    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_stress_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_mat3 *P)
-{
-    switch (model) {
-    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: {
-        sbi_corotation c = sbi_corotate(model, F, rotation);
-        *P = sbi_corotated_stress(m, F, &c.r);
-        return 1;
-    }
-    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
-    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
-    default: return 0;
-    }
-}
-
-SBI_FORCE_INLINE int sbi_material_tangent_inline(const int model, const sb_material *m, const sb_mat3 *F,
-                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
-{
-    switch (model) {
-    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
-    case SB_COROTATED:
-    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
-    case SB_SVK: sbi_svk_tangent(m, F, A); break;
-    case SB_NEO_HOOKEAN:
-    case SB_NEO_HOOKEAN_ISOCHORIC:
-    case SB_MOONEY_RIVLIN:
-    case SB_REDUCED_POLYNOMIAL:
-        if (!sbi_barrier_tangent(model, m, F, A))
-            return 0;
-        break;
-    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
-    default: return 0;
-    }
-    if (kind != SB_TANGENT_EXACT)
-        sbi_tangent_project(model, m, F, A);
-    return 1;
-}
 
 #endif /* SB_MATERIAL_H */
 
@@ -4974,6 +4227,11 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  * also where sb_real is float. It never sees the vectors of conjugate gradients, supports or threads. Prescribed
  * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
  * there is left out of the equations.
+ *
+ * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's components
+ * are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no motion. A step
+ * of several Newton iterations solves several systems, each for what is still to be added; a guest does not see that. Its
+ * rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
  *
  * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
  *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
@@ -6445,7 +5703,8 @@ SBI_API sb_result sbi_domain_copy(const sb_domain *domain, const sb_mesh *mesh, 
  * SB_ERROR_MESH names the element. */
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error);
-/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node -1 and has weight and gradients of 0. */
+/* ---- a mesh that changes: tet4 only. A slot that holds no cell names node 0 at every corner and
+ * has weight and gradients of 0, so that loops that only read need not know. */
 
 /* Room for so many cells; SB_ERROR_UNSUPPORTED for other cells than tet4 with their own mass, SB_ERROR_MEMORY: nothing
  * has changed. */
@@ -6455,7 +5714,8 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
-    return domain->cells[(size_t)cell * (size_t)domain->nodes_per_cell] < 0;
+    const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
+    return nodes[0] == nodes[1];
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
@@ -6569,17 +5829,29 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/solve/guest.h, internal ==== */
 
-/* The step that is solved: what a guest needs to write its rows in the step's unknown, the displacement of the nodes over
- * the step. */
+/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the start
+ * of the step, with
+ *     v = velocity_factor d + velocity0,  a = acceleration_factor d + acceleration0,
+ * which at supports is their own motion. What a guest has a mass for moves by the same rule, of its velocity v_n and
+ * acceleration a_n at the start:
+ *     velocity0 = known_velocity[0] v_n + known_velocity[1] a_n,
+ *     acceleration0 = known_acceleration[0] v_n + known_acceleration[1] a_n.
+ * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) / inertia_level. */
 typedef struct sbi_guest_step {
-    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed) */
+    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed); constraints are condensed in it */
     const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
-    const sb_vec3 *velocity;     /* [row_count] (m/s) */
-    const sb_vec3 *acceleration; /* [row_count] (m/s^2) */
+    const sb_vec3 *velocity;     /* [row_count] at the start (m/s) */
+    const sb_vec3 *acceleration; /* [row_count] at the start (m/s^2) */
+    const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
+    const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
+    int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
     double dt;                   /* s; 0: static */
-    double velocity_factor;      /* 1/s: velocity at the end = this times the increment, and known terms */
-    double acceleration_factor;  /* 1/s^2: the same of the acceleration */
-    double level;                /* share of the new forces in the equations: 1 - alpha_f of the generalised alpha method */
+    double velocity_factor;      /* 1/s */
+    double acceleration_factor;  /* 1/s^2 */
+    double known_velocity[2];     /* 1, s */
+    double known_acceleration[2]; /* 1/s, 1 */
+    double level;                /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    double inertia_level;        /* the same of inertia: 1 - alpha_m, else 1 */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
@@ -6598,14 +5870,18 @@ typedef struct sbi_guest {
     void (*precondition)(void *user, const double *r, double *z);
 
     /* optional */
-    /* After the tangent is made, before the solve: takes what it needs of the step and factors its block. What it
-     * returns as an error undoes the step. */
+    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may set
+     * `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error undoes
+     * the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
      * solve must go on. */
     int (*settle)(void *user, const double *x);
-    void (*commit)(void *user);  /* the step is done: takes over its motion */
-    void (*undo)(void *user);    /* the step has failed: as before begin */
+    /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
+    void (*commit)(void *user, const double *x);
+    /* The step has failed, or is begun anew with other factors: as before the first `begin`. Called of each guest whose
+     * `begin` was called or is missing. Its unknowns are put back already. */
+    void (*undo)(void *user);
 } sbi_guest;
 
 typedef struct sbi_guests {
@@ -6623,6 +5899,8 @@ typedef struct sbi_guest_work {
     double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
     double *search, *start;                          /* [unknown_count] */
     double *in, *out;                                /* [width] */
+    double *base;   /* [width] what a solve starts from: nodes' increments are added to it, unknowns have it in them */
+    double *first;  /* [unknown_count] as they were given to the step */
     double sums[2];       /* its share of the sums at work */
 } sbi_guest_work;
 
@@ -6632,6 +5910,7 @@ typedef struct sbi_guest_space {
     int count;
     sbi_guest_work *work; /* [count] */
     double scale;         /* mean diagonal of the matrix (N/m) */
+    int *part_of;         /* [row_count] part of each row, as the last solve had them; may be made anew after it */
     const sb_matrix *matrix;
     sb_real *rest, *spare; /* [row_count][3] */
     /* blocks of taken nodes while the preconditioner is made without them, and their masks */
@@ -6656,8 +5935,8 @@ SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
-/* r += loads - G x, and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
- * `held`. */
+/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
+ * `held` (NULL: 0, too). */
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
 /* q += G p, and takes what is theirs; sums[0] = p.Gp. */
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
@@ -6683,6 +5962,15 @@ SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
 /* x of all guests to their settle calls; 1 when one has changed its rows. */
 SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
 
+/* ---- for steps of several solves ---- */
+/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along prescribed
+ * components. Unknowns are then those of the base. */
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held);
+/* A guest's forces at the base, in out. */
+SBI_API void sbi_guest_force(sbi_guest_work *work);
+/* The guests' part of the potential from the base to the solution x: t linear + t^2 quadratic. */
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
+
 /* ==== src/softbody/solve/pcg.h, internal ==== */
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
  * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
@@ -6697,6 +5985,8 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* What was reserved, for steps of several solves; NULL: nothing was. */
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
  * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
  * SB_ERROR_ARGUMENT: no space was reserved for them. */
@@ -6707,7 +5997,7 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
  * after the other, so that bits do not depend on threads. Allocates nothing.
  * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from rest, so that loads on what is stiff in itself do not count; and their rows count by
+ * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
  * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
  * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
  * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
@@ -26806,6 +26096,758 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 
+/* ==== src/softbody/fem/material_models.h ==== */
+/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks what
+ * goes in and comes out.
+ *
+ * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
+ * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. The model is chosen
+ * at run time: loops instantiated for one model were no faster, but for the neo-Hookean force, by a tenth. */
+#ifndef SBI_MATERIAL_MODELS_H
+#define SBI_MATERIAL_MODELS_H
+
+
+/* Row i of a. */
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
+{
+    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
+}
+
+/* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
+SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
+{
+    return a.m[0][0] > 0 && a.m[0][0] * a.m[1][1] - a.m[0][1] * a.m[0][1] > 0 && sb_m3_det(a) > 0;
+}
+
+/* scale a + shift I */
+SBI_FORCE_INLINE sb_mat3 sbi_material_affine(sb_real scale, sb_mat3 a, sb_real shift)
+{
+    a = sb_m3_scale(scale, a);
+    for (int i = 0; i < 3; i++)
+        a.m[i][i] += shift;
+    return a;
+}
+
+/* Writes block (i,k) and its mirror image (k,i); i <= k. */
+SBI_FORCE_INLINE void sbi_tangent_put(sb_real *A, int i, int k, sb_mat3 block)
+{
+    for (int j = 0; j < 3; j++)
+        for (int l = 0; l < 3; l++) {
+            A[9 * (3 * i + j) + 3 * k + l] = block.m[j][l];
+            A[9 * (3 * k + l) + 3 * i + j] = block.m[j][l];
+        }
+}
+
+/* A += weight d (x) d, exactly symmetric. */
+SB_INLINE void sbi_tangent_add_dyad(sb_real *A, sb_real weight, sb_mat3 d)
+{
+    for (int p = 0; p < 9; p++) {
+        sb_real scaled = weight * d.m[p / 3][p % 3];
+        for (int q = p; q < 9; q++)
+            A[9 * p + q] = A[9 * q + p] = A[9 * p + q] + scaled * d.m[q / 3][q % 3];
+    }
+}
+
+/* (1 - exp(-x))/x without cancellation: the series where the quotient would lose digits. */
+SB_INLINE sb_real sbi_material_mean_decay(sb_real x)
+{
+    if (sb_abs(x) < (sb_real)0.125) {
+        sb_real sum = 1;
+        for (int n = 11; n >= 2; n--) /* the next term is below 1e-17 */
+            sum = 1 - x / (sb_real)n * sum;
+        return sum;
+    }
+    return (1 - sb_exp(-x)) / x;
+}
+
+/* ---- linear ---- */
+
+SBI_FORCE_INLINE sb_mat3 sbi_linear_strain(const sb_mat3 *F)
+{
+    sb_mat3 e;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            e.m[i][j] = (sb_real)0.5 * (F->m[i][j] + F->m[j][i]) - (sb_real)(i == j);
+    return e;
+}
+
+/* lambda tr(e) I + 2 mu e */
+SBI_FORCE_INLINE sb_mat3 sbi_hooke_stress(const sb_material *m, sb_mat3 e)
+{
+    sb_mat3 s = sb_m3_scale(2 * m->mu, e);
+    sb_real pressure = m->lambda * sb_m3_trace(e);
+    for (int i = 0; i < 3; i++)
+        s.m[i][i] += pressure;
+    return s;
+}
+
+/* lambda/2 tr(e)^2 + mu e:e */
+SBI_FORCE_INLINE sb_real sbi_hooke_energy(const sb_material *m, sb_mat3 e)
+{
+    sb_real trace = sb_m3_trace(e);
+    return (sb_real)0.5 * m->lambda * trace * trace + m->mu * sb_m3_ddot(e, e);
+}
+
+/* ---- corotated ---- */
+
+/* What the corotated models take from F = R S: R; s and V of F = U diag(s) V^T in the signed-SVD variant. */
+typedef struct sbi_corotation {
+    sb_mat3 r;
+    sb_vec3 s;
+    sb_mat3 v;
+} sbi_corotation;
+
+SBI_FORCE_INLINE sbi_corotation sbi_corotate(int model, const sb_mat3 *F, sb_quat *rotation)
+{
+    sbi_corotation c;
+    if (model == SB_COROTATED_INVERTIBLE) {
+        sb_mat3 u;
+        sb_m3_svd(*F, &u, &c.s, &c.v);
+        c.r = sb_m3_mult(u, c.v);
+    } else {
+        sb_quat q = sb_m3_polar(*F, rotation ? *rotation : sb_quat_identity());
+        c.r = sb_quat_to_mat3(q);
+        if (rotation)
+            *rotation = q;
+        c.s = sb_v3(0, 0, 0); /* found only where it is needed */
+        c.v = sb_m3_zero();
+    }
+    return c;
+}
+
+/* 2 mu (F - R) + lambda (tr(R^T F) - 3) R */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stress(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_real pressure = m->lambda * (sb_m3_ddot(*r, *F) - 3);
+    return sb_m3_add(sb_m3_scale(2 * m->mu, *F), sb_m3_scale(pressure - 2 * m->mu, *r));
+}
+
+SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 d = sb_m3_sub(*F, *r);
+    sb_real trace = sb_m3_ddot(*r, *F) - 3;
+    return m->mu * sb_m3_ddot(d, d) + (sb_real)0.5 * m->lambda * trace * trace;
+}
+
+/* The corotated tangent is Hooke's, rotated, plus the share of the rotation's change,
+ *     A = R C R^T + sum_cd Z_cd (R [e_c]x) (x) (R [e_d]x),   Z = mu I + kappa G^-1,
+ * with G = tr(S) I - S and kappa = lambda tr(S - I) - 2 mu. Z has the eigenvectors v_k of S and the values
+ * mu + kappa/(s_i + s_j) (half of tau_ij), {i,j,k} = {0,1,2}: the twist eigenvalues of A. */
+
+/* Lower bound of s_i + s_j; F is 1 at rest, so the scale of stretches is max(1, their sum). */
+SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
+
+/* Z from the eigen-decomposition S = V diag(s) V^T. */
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
+                                          sb_tangent_kind kind)
+{
+    sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
+    sb_mat3 spin;
+    z[0] = mu + kappa / sb_max(s.y + s.z, least);
+    z[1] = mu + kappa / sb_max(s.x + s.z, least);
+    z[2] = mu + kappa / sb_max(s.x + s.y, least);
+    if (kind != SB_TANGENT_EXACT)
+        for (int k = 0; k < 3; k++)
+            z[k] = sb_max(z[k], 0);
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            spin.m[i][j] = spin.m[j][i] =
+                z[0] * v.m[i][0] * v.m[j][0] + z[1] * v.m[i][1] * v.m[j][1] + z[2] * v.m[i][2] * v.m[j][2];
+    return spin;
+}
+
+/* Z from S itself: without an eigen-decomposition unless values of both signs are to be clamped, or the
+ * rotation is nearly not unique. */
+SB_INLINE sb_mat3 sbi_spin_from_stretch(sb_real mu, sb_real kappa, sb_mat3 stretch, sb_tangent_kind kind)
+{
+    sb_real trace = sb_m3_trace(stretch);
+    sb_mat3 g = sbi_material_affine(-1, stretch, trace);
+    /* The two largest eigenvalues of G multiply to at most trace^2, so the third is >= det/trace^2. */
+    if (sbi_material_is_positive(g) && sb_m3_det(g) > sbi_spin_least(trace) * trace * trace) {
+        sb_mat3 scaled = sbi_material_affine(mu, g, kappa); /* G Z, of the same signs as Z */
+        if (kind == SB_TANGENT_EXACT || kappa >= 0 || sbi_material_is_positive(scaled))
+            return sbi_material_affine(kappa, sb_m3_inverse(g), mu);
+        if (sbi_material_is_positive(sb_m3_scale(-1, scaled)))
+            return sb_m3_zero();
+    }
+    sb_vec3 s;
+    sb_mat3 v;
+    sb_m3_eigen(stretch, &s, &v);
+    return sbi_spin_from_stretches(mu, kappa, s, v, kind);
+}
+
+/* sym(R^T F) */
+SBI_FORCE_INLINE sb_mat3 sbi_corotated_stretch(const sb_mat3 *F, const sb_mat3 *r)
+{
+    sb_mat3 s = sb_m3_tmul(*r, *F);
+    for (int i = 0; i < 3; i++)
+        for (int j = i + 1; j < 3; j++)
+            s.m[i][j] = s.m[j][i] = (sb_real)0.5 * (s.m[i][j] + s.m[j][i]);
+    return s;
+}
+
+/* [r]x m: column c is r x (column c of m). */
+SBI_FORCE_INLINE sb_mat3 sbi_spin_cross(sb_vec3 r, sb_mat3 m)
+{
+    return sb_m3_columns(sb_v3_cross(r, sb_m3_column(m, 0)), sb_v3_cross(r, sb_m3_column(m, 1)),
+                         sb_v3_cross(r, sb_m3_column(m, 2)));
+}
+
+/* Block (i,k) = lambda r_i r_k^T + mu r_k r_i^T + delta_ik mu I + [r_i]x Z [r_k]x^T with the rows r of R. */
+SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, const sb_mat3 *spin, sb_real *A)
+{
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ri = sbi_material_row(&r, i);
+        sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
+        for (int k = i; k < 3; k++) {
+            sb_vec3 rk = sbi_material_row(&r, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
+            if (i == k)
+                block = sbi_material_affine(1, block, m->mu);
+            if (spin)
+                block = sb_m3_add(block, sb_m3_transpose(sbi_spin_cross(rk, left)));
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    sbi_corotation c = sbi_corotate(model, F, rotation);
+    sb_real kappa;
+    sb_mat3 spin;
+    if (kind == SB_TANGENT_QUASI) {
+        sbi_corotated_assemble(m, c.r, NULL, A);
+        return;
+    }
+    kappa = m->lambda * (sb_m3_ddot(c.r, *F) - 3) - 2 * m->mu;
+    if (model == SB_COROTATED_INVERTIBLE)
+        spin = sbi_spin_from_stretches(m->mu, kappa, c.s, c.v, kind);
+    else
+        spin = sbi_spin_from_stretch(m->mu, kappa, sbi_corotated_stretch(F, &c.r), kind);
+    sbi_corotated_assemble(m, c.r, &spin, A);
+}
+
+/* Hooke's tangent: the rotated one at R = I. */
+SBI_FORCE_INLINE void sbi_linear_tangent(const sb_material *m, sb_real *A)
+{
+    sbi_corotated_assemble(m, sb_m3_identity(), NULL, A);
+}
+
+/* ---- St.Venant-Kirchhoff ---- */
+
+/* E = (F^T F - I)/2 */
+SBI_FORCE_INLINE sb_mat3 sbi_green_strain(const sb_mat3 *F)
+{
+    return sbi_material_affine((sb_real)0.5, sb_m3_tmul(*F, *F), -(sb_real)0.5);
+}
+
+/* Block (i,k) = lambda f_i f_k^T + mu f_k f_i^T + mu (f_i.f_k) I + delta_ik S */
+SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 s = sbi_hooke_stress(m, sbi_green_strain(F));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
+                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
+            block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
+        }
+    }
+}
+
+/* ---- models with a volume barrier: neo-Hookean with ln J, and the isochoric family ---- */
+
+/* All have, with N = I1 F - F F^T F = 1/2 dI2/dF,
+ *     P = alpha F + second N - epsilon B and
+ *     A_ijkl = alpha d_ik d_jl + (L_ij B_kl + B_ij L_kl) + gamma B_ij B_kl + epsilon B_il B_kj + zeta F_ij F_kl
+ *              + second (I1 d_ik d_jl - d_ik C_jl - (F F^T)_ik d_jl - F_il F_kj),   L = beta F - 4/3 second N.
+ * zeta = 0 for the neo-Hookean models, second = 0 for all but Mooney-Rivlin. */
+typedef struct sbi_barrier {
+    sb_mat3 b;
+    sb_real J, alpha, beta, gamma, epsilon, zeta, second;
+} sbi_barrier;
+
+/* psi = c10 i + c20 i^2 + c30 i^3 with i = I1b - 3: the derivative, and the second one in *curvature. */
+SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, sb_real *curvature)
+{
+    *curvature = 2 * m->c20 + 6 * m->c30 * i;
+    return m->c10 + i * (2 * m->c20 + 3 * m->c30 * i);
+}
+
+/* The isochoric family's coefficients; cofactor = cof F. */
+SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F,
+                                            const sb_mat3 *cofactor, sbi_barrier *out)
+{
+    sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
+    sb_real square = root * root, slope = m->c10, curvature = 0;
+    if (model == SB_REDUCED_POLYNOMIAL)
+        slope = sbi_polynomial_slope(m, I1 / square - 3, &curvature);
+    out->alpha = 2 * slope / square;
+    out->beta = -(sb_real)2 / 3 * out->alpha;
+    out->gamma = (sb_real)2 / 9 * out->alpha * I1 + stiffness * (2 * J - 1);
+    out->epsilon = out->alpha * I1 / 3 - stiffness * (J - 1);
+    if (model == SB_REDUCED_POLYNOMIAL) { /* zeta (F - I1/3 B) (x) (F - I1/3 B) */
+        out->zeta = 4 * curvature / (square * square);
+        out->beta -= out->zeta * I1 / 3;
+        out->gamma += out->zeta * I1 * I1 / 9;
+    }
+    if (model == SB_MOONEY_RIVLIN) {
+        sb_real I2 = sb_m3_ddot(*cofactor, *cofactor);
+        out->second = 2 * m->c01 / (square * square);
+        out->zeta = 2 * out->second;
+        out->gamma += (sb_real)8 / 9 * out->second * I2;
+        out->epsilon += 2 * out->second * I2 / 3;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_at(int model, const sb_material *m, const sb_mat3 *F, sbi_barrier *out)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    if (!(J > 0))
+        return 0;
+    out->J = J;
+    out->b = sb_m3_scale(1 / J, cofactor);
+    out->zeta = out->second = 0;
+    if (model == SB_NEO_HOOKEAN) {
+        out->alpha = m->mu;
+        out->beta = 0;
+        out->gamma = m->lambda;
+        out->epsilon = m->mu - m->lambda * sb_log(J);
+    } else {
+        sbi_barrier_isochoric(model, m, F, &cofactor, out);
+    }
+    return 1;
+}
+
+/* N = F (I1 I - C) */
+SBI_FORCE_INLINE sb_mat3 sbi_mooney_normal(const sb_mat3 *F)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    return sb_m3_mul(*F, sbi_material_affine(-1, right, sb_m3_trace(right)));
+}
+
+SBI_FORCE_INLINE int sbi_barrier_stress(int model, const sb_material *m, const sb_mat3 *F, sb_mat3 *P)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    *P = sb_m3_scale(c.alpha, *F);
+    if (model == SB_MOONEY_RIVLIN)
+        *P = sb_m3_add(*P, sb_m3_scale(c.second, sbi_mooney_normal(F)));
+    *P = sb_m3_sub(*P, sb_m3_scale(c.epsilon, c.b));
+    return 1;
+}
+
+SBI_FORCE_INLINE int sbi_barrier_energy(int model, const sb_material *m, const sb_mat3 *F, sb_real *W)
+{
+    sb_real J = sb_m3_det(*F), I1 = sb_m3_ddot(*F, *F);
+    if (!(J > 0))
+        return 0;
+    if (model == SB_NEO_HOOKEAN) {
+        sb_real log_J = sb_log(J);
+        *W = (sb_real)0.5 * m->mu * (I1 - 3) + ((sb_real)0.5 * m->lambda * log_J - m->mu) * log_J;
+    } else {
+        sb_real root = sb_cbrt(J), square = root * root, i = I1 / square - 3, slope = m->c10;
+        if (model == SB_REDUCED_POLYNOMIAL)
+            slope += i * (m->c20 + m->c30 * i);
+        *W = slope * i + (J - 1) * (J - 1) / m->d1;
+        if (model == SB_MOONEY_RIVLIN) {
+            sb_mat3 cofactor = sb_m3_cofactor(*F);
+            *W += m->c01 * (sb_m3_ddot(cofactor, cofactor) / (square * square) - 3);
+        }
+    }
+    return 1;
+}
+
+/* Block (i,k) = b_i (gamma b_k + l_k)^T + l_i b_k^T + f_i (zeta f_k)^T + (epsilon b_k) b_i^T - (second f_k) f_i^T
+ * - second f_i.f_k I + delta_ik ((alpha + second I1) I - second C). */
+SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 right = sb_m3_tmul(*F, *F);
+    sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
+    sb_mat3 mixed =
+        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
+                li = sbi_material_row(&mixed, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
+            sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
+            block = sb_m3_add(block, sb_m3_outer(li, bk));
+            block = sb_m3_add(block, sb_m3_outer(fi, sb_v3_scale(c->zeta, fk)));
+            block = sb_m3_add(block, sb_m3_outer(sb_v3_scale(c->epsilon, bk), bi));
+            block = sb_m3_sub(block, sb_m3_outer(sb_v3_scale(c->second, fk), fi));
+            block = sbi_material_affine(1, block, -c->second * sb_v3_dot(fi, fk));
+            sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, own) : block);
+        }
+    }
+}
+
+SBI_FORCE_INLINE int sbi_barrier_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sbi_barrier c;
+    if (!sbi_barrier_at(model, m, F, &c))
+        return 0;
+    if (model == SB_MOONEY_RIVLIN) {
+        sbi_mooney_tangent(&c, F, A);
+        return 1;
+    }
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 bi = sbi_material_row(&c.b, i);
+        sb_vec3 fi = sbi_material_row(F, i);
+        for (int k = i; k < 3; k++) {
+            sb_vec3 bk = sbi_material_row(&c.b, k), right = sb_v3_scale(c.gamma, bk);
+            if (model != SB_NEO_HOOKEAN) /* beta = 0 there */
+                right = sb_v3_madd(right, c.beta, sbi_material_row(F, k));
+            sb_mat3 block = sb_m3_add(sb_m3_outer(bi, right), sb_m3_outer(sb_v3_scale(c.epsilon, bk), bi));
+            if (model != SB_NEO_HOOKEAN) {
+                sb_vec3 left = sb_v3_scale(c.beta, bk);
+                if (model == SB_REDUCED_POLYNOMIAL)
+                    left = sb_v3_madd(left, c.zeta, sbi_material_row(F, k));
+                block = sb_m3_add(block, sb_m3_outer(fi, left));
+            }
+            sbi_tangent_put(A, i, k, i == k ? sbi_material_affine(1, block, c.alpha) : block);
+        }
+    }
+    return 1;
+}
+
+/* ---- stable neo-Hookean ---- */
+
+/* mu F + ((lambda + mu)(J - 1) - mu) cof F: polynomial in F, so J <= 0 is nothing special. */
+SBI_FORCE_INLINE sb_mat3 sbi_stable_stress(const sb_material *m, const sb_mat3 *F)
+{
+    sb_mat3 cofactor = sb_m3_cofactor(*F);
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(cofactor, 0));
+    return sb_m3_add(sb_m3_scale(m->mu, *F), sb_m3_scale((m->lambda + m->mu) * (J - 1) - m->mu, cofactor));
+}
+
+SBI_FORCE_INLINE sb_real sbi_stable_energy(const sb_material *m, const sb_mat3 *F)
+{
+    sb_real growth = sb_m3_det(*F) - 1;
+    return (sb_real)0.5 * m->mu * (sb_m3_ddot(*F, *F) - 3) +
+           ((sb_real)0.5 * (m->lambda + m->mu) * growth - m->mu) * growth;
+}
+
+/* Block (i,k) = delta_ik mu I + (lambda + mu) c_i c_k^T + q e_ikn [f_n]x^T, c_i the rows of cof F,
+ * q = (lambda + mu)(J - 1) - mu; the last part is d cof_ij/dF_kl = e_ikn e_jlp F_np. */
+SBI_FORCE_INLINE void sbi_stable_tangent(const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    sb_mat3 c = sb_m3_cofactor(*F);
+    sb_real stiffness = m->lambda + m->mu;
+    sb_real J = sb_v3_dot(sb_m3_column(*F, 0), sb_m3_column(c, 0)), q = stiffness * (J - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        sb_vec3 ci = sb_v3_scale(stiffness, sbi_material_row(&c, i));
+        for (int k = i; k < 3; k++) {
+            sb_mat3 block = sb_m3_outer(ci, sbi_material_row(&c, k));
+            if (i == k) {
+                block = sbi_material_affine(1, block, m->mu);
+            } else {
+                int n = 3 - i - k;
+                sb_real signed_q = k == i + 1 ? q : -q; /* e_ikn for i < k */
+                for (int j = 0; j < 3; j++) {
+                    int l = (j + 1) % 3, p = (j + 2) % 3;
+                    block.m[j][l] += signed_q * F->m[n][p];
+                    block.m[l][j] -= signed_q * F->m[n][p];
+                }
+            }
+            sbi_tangent_put(A, i, k, block);
+        }
+    }
+}
+
+/* ---- positive semidefinite projection of the hyperelastic tangents ---- */
+
+/* 1 when the symmetric 9x9 A is positive semidefinite to rounding (L D L^T with the pivots in order). */
+SB_INLINE int sbi_tangent_is_semidefinite(const sb_real *A)
+{
+    sb_real lower[9][9], largest = 0, tolerance;
+    for (int r = 0; r < 9; r++) {
+        largest = sb_max(largest, A[10 * r]);
+        for (int c = 0; c <= r; c++)
+            lower[r][c] = A[9 * r + c];
+    }
+    tolerance = 32 * SB_EPSILON * largest;
+    for (int c = 0; c < 9; c++) {
+        sb_real pivot = lower[c][c];
+        if (pivot > tolerance) {
+            for (int r = c + 1; r < 9; r++) {
+                sb_real factor = lower[r][c] / pivot;
+                for (int q = c + 1; q <= r; q++)
+                    lower[r][q] -= factor * lower[q][c];
+            }
+            continue;
+        }
+        /* A zero pivot belongs to a semidefinite matrix only when its whole column is zero. */
+        if (!(pivot >= -tolerance))
+            return 0;
+        for (int r = c + 1; r < 9; r++)
+            if (!(sb_abs(lower[r][c]) <= tolerance))
+                return 0;
+    }
+    return 1;
+}
+
+/* A between principal directions, F = U diag(s) V^T: in that frame only A_iijj = stretch[i][j] and,
+ * with m the third index of the pair (i,j), A_ijij = same[m] and A_ijji = cross[m] are not 0. */
+typedef struct sbi_principal {
+    sb_mat3 stretch;
+    sb_real same[3], cross[3];
+} sbi_principal;
+
+SB_INLINE void sbi_principal_svk(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real squares = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
+    sb_real pressure = (sb_real)0.5 * m->lambda * (squares - 3);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = (m->lambda + 3 * m->mu) * s[i] * s[i] + pressure - m->mu;
+        out->stretch.m[j][k] = out->stretch.m[k][j] = m->lambda * s[j] * s[k];
+        out->same[i] = pressure + m->mu * (s[j] * s[j] + s[k] * s[k] - 1);
+        out->cross[i] = m->mu * s[j] * s[k];
+    }
+}
+
+/* Divides by J, which is known to be positive, where a stretch may have been rounded to 0. */
+SB_INLINE void sbi_principal_barrier(const sbi_barrier *c, const sb_real *s, sbi_principal *out)
+{
+    const sb_real squares[3] = {s[0] * s[0], s[1] * s[1], s[2] * s[2]}, theta = -(sb_real)4 / 3 * c->second;
+    sb_real normal[3]; /* N_i = normal_i s_i */
+    for (int i = 0; i < 3; i++)
+        normal[i] = squares[(i + 1) % 3] + squares[(i + 2) % 3];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        sb_real inverse = s[j] * s[k] / c->J, product = s[i] / c->J; /* 1/s_i and 1/(s_j s_k) */
+        out->stretch.m[i][i] = c->alpha + 2 * c->beta + (c->gamma + c->epsilon) * inverse * inverse +
+                               (c->zeta - 2 * c->second) * squares[i] + (2 * theta + c->second) * normal[i];
+        out->stretch.m[j][k] = out->stretch.m[k][j] =
+            (c->beta * (squares[j] + squares[k]) + theta * (normal[j] * squares[j] + normal[k] * squares[k]) +
+             c->gamma) *
+                product +
+            c->zeta * s[j] * s[k];
+        out->same[i] = c->alpha + c->second * squares[i];
+        out->cross[i] = c->epsilon * product - c->second * s[j] * s[k];
+    }
+}
+
+SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_principal *out)
+{
+    sb_real stiffness = m->lambda + m->mu, q = stiffness * (s[0] * s[1] * s[2] - 1) - m->mu;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->stretch.m[i][i] = m->mu + stiffness * s[j] * s[j] * s[k] * s[k];
+        out->stretch.m[j][k] = out->stretch.m[k][j] = stiffness * s[i] * s[i] * s[j] * s[k] + q * s[i];
+        out->same[i] = m->mu;
+        out->cross[i] = -q * s[i];
+    }
+}
+
+/* The principal form of a hyperelastic model's tangent; F is admissible. */
+SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F,
+                                       const sb_real *s, sbi_principal *out)
+{
+    sbi_barrier c;
+    if (model == SB_SVK)
+        sbi_principal_svk(m, s, out);
+    else if (model == SB_STABLE_NEO_HOOKEAN)
+        sbi_principal_stable(m, s, out);
+    else if (sbi_barrier_at(model, m, F, &c))
+        sbi_principal_barrier(&c, s, out);
+}
+
+/* Lifts the negative eigenvalues of the scaling modes sum_c e_c u_c v_c^T, e the eigenvectors of stretch. */
+SB_INLINE void sbi_tangent_lift_scaling(sb_mat3 stretch, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    sb_vec3 values;
+    sb_mat3 modes;
+    sb_m3_eigen(stretch, &values, &modes);
+    const sb_real scaling[3] = {values.x, values.y, values.z};
+    for (int k = 0; k < 3; k++) {
+        sb_mat3 scaled = u;
+        if (!(scaling[k] < 0))
+            continue;
+        for (int c = 0; c < 3; c++)
+            for (int r = 0; r < 3; r++)
+                scaled.m[r][c] *= modes.m[c][k];
+        sbi_tangent_add_dyad(A, -scaling[k], sb_m3_mult(scaled, v));
+    }
+}
+
+/* Lifts the negative eigenvalues of A to 0. A's eigenvectors are the scaling modes above, and for each
+ * pair (i,j) u_i v_j^T - u_j v_i^T with same - cross (twist) and u_i v_j^T + u_j v_i^T with same + cross
+ * (flip). These equal (g_i +- g_j)/(s_i +- s_j) with the division done by hand, so equal stretches need no
+ * care (Smith et al. 2019). */
+SB_INLINE void sbi_tangent_lift(const sbi_principal *principal, sb_mat3 u, sb_mat3 v, sb_real *A)
+{
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        sb_mat3 ij = sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j));
+        sb_mat3 ji = sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i));
+        sb_real twist = principal->same[k] - principal->cross[k];
+        sb_real flip = principal->same[k] + principal->cross[k];
+        if (twist < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * twist, sb_m3_sub(ij, ji));
+        if (flip < 0)
+            sbi_tangent_add_dyad(A, -(sb_real)0.5 * flip, sb_m3_add(ij, ji));
+    }
+    if (!sbi_material_is_positive(principal->stretch))
+        sbi_tangent_lift_scaling(principal->stretch, u, v, A);
+}
+
+/* Projects the exact tangent A of a hyperelastic model at F; decomposes F only where A needs it. */
+SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const sb_mat3 *F, sb_real *A)
+{
+    if (sbi_tangent_is_semidefinite(A))
+        return;
+    sb_mat3 u, v;
+    sb_vec3 stretches;
+    sbi_principal principal;
+    sb_m3_svd(*F, &u, &stretches, &v);
+    const sb_real s[3] = {stretches.x, stretches.y, stretches.z};
+    sbi_principal_at(model, m, F, s, &principal);
+    sbi_tangent_lift(&principal, u, v, A);
+}
+
+/* ---- fibres: what they add to a hyperelastic model (Holzapfel, Gasser and Ogden 2000) ----
+ * W = k1/(2 k2) (exp(k2 e^2) - 1) with e = I4 - 1 > 0, I4 = |F a0|^2, a0 a unit vector; nothing when slack. The workers
+ * add to their output, and return 0 with it untouched when the share is not finite. */
+
+/* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
+                                  sb_real *first, sb_real *second)
+{
+    sb_real e, growth;
+    *a = sb_m3_apply(*F, a0);
+    e = sb_v3_dot(*a, *a) - 1;
+    *first = *second = 0;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    growth = m->fibre_stiffness * sb_exp(m->fibre_exponent * e * e);
+    *first = growth * e;
+    *second = growth * (1 + 2 * m->fibre_exponent * e * e);
+    return sb_is_finite(*first) && sb_is_finite(*second);
+}
+
+SBI_FORCE_INLINE int sbi_fibre_energy(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *W)
+{
+    sb_vec3 a = sb_m3_apply(*F, a0);
+    sb_real e = sb_v3_dot(a, a) - 1, energy;
+    if (!(e > 0) || !(m->fibre_stiffness > 0))
+        return sb_is_finite(e);
+    /* (exp(q) - 1)/q with q = k2 e^2: 1 for k2 = 0 */
+    energy = (sb_real)0.5 * m->fibre_stiffness * e * e * sbi_material_mean_decay(-m->fibre_exponent * e * e);
+    if (!sb_is_finite(energy))
+        return 0;
+    *W += energy;
+    return 1;
+}
+
+/* P = 2 W' a a0^T */
+SBI_FORCE_INLINE int sbi_fibre_stress(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_mat3 *P)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (first > 0)
+        *P = sb_m3_add(*P, sb_m3_outer(sb_v3_scale(2 * first, a), a0));
+    return 1;
+}
+
+/* A = 4 W'' (a a0^T) (x) (a a0^T) + 2 W' I (.) a0 a0^T: a dyad and a product of semidefinite matrices with W' and W''
+ * never below 0, so it is semidefinite as it stands and every sb_tangent_kind takes it. */
+SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_real *A)
+{
+    sb_vec3 a;
+    sb_real first, second;
+    if (!sbi_fibre_at(m, F, a0, &a, &first, &second))
+        return 0;
+    if (!(second > 0))
+        return 1;
+    const sb_mat3 tension = sb_m3_scale(2 * first, sb_m3_outer(a0, a0)); /* exactly symmetric in this order */
+    sbi_tangent_add_dyad(A, 4 * second, sb_m3_outer(a, a0));
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < 3; l++)
+                A[9 * (3 * i + j) + 3 * i + l] += tension.m[j][l];
+    return 1;
+}
+
+/* ---- by model ---- */
+
+SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_real *W)
+{
+    switch (model) {
+    case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *W = sbi_corotated_energy(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *W = sbi_hooke_energy(m, sbi_green_strain(F)); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_energy(model, m, F, W);
+    case SB_STABLE_NEO_HOOKEAN: *W = sbi_stable_energy(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F,
+                                                sb_quat *rotation, sb_mat3 *P)
+{
+    switch (model) {
+    case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: {
+        sbi_corotation c = sbi_corotate(model, F, rotation);
+        *P = sbi_corotated_stress(m, F, &c.r);
+        return 1;
+    }
+    case SB_SVK: *P = sb_m3_mul(*F, sbi_hooke_stress(m, sbi_green_strain(F))); return 1;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL: return sbi_barrier_stress(model, m, F, P);
+    case SB_STABLE_NEO_HOOKEAN: *P = sbi_stable_stress(m, F); return 1;
+    default: return 0;
+    }
+}
+
+SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F,
+                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+{
+    switch (model) {
+    case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
+    case SB_COROTATED:
+    case SB_COROTATED_INVERTIBLE: sbi_corotated_tangent(model, m, F, rotation, kind, A); return 1;
+    case SB_SVK: sbi_svk_tangent(m, F, A); break;
+    case SB_NEO_HOOKEAN:
+    case SB_NEO_HOOKEAN_ISOCHORIC:
+    case SB_MOONEY_RIVLIN:
+    case SB_REDUCED_POLYNOMIAL:
+        if (!sbi_barrier_tangent(model, m, F, A))
+            return 0;
+        break;
+    case SB_STABLE_NEO_HOOKEAN: sbi_stable_tangent(m, F, A); break;
+    default: return 0;
+    }
+    if (kind != SB_TANGENT_EXACT)
+        sbi_tangent_project(model, m, F, A);
+    return 1;
+}
+
+#endif /* SBI_MATERIAL_MODELS_H */
+
 /* ==== src/softbody/fem/material.c ==== */
 /* material: constructors, checks, and the evaluation that chooses the model at run time. */
 
@@ -27128,7 +27170,7 @@ SB_API int sb_material_energy(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real energy = 0;
     if (!material || !F || !W || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_energy_inline((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
+        !sbi_model_energy((int)material->model, material, F, &q, &energy) || !sb_is_finite(energy))
         return 0;
     *W = energy;
     if (rotation)
@@ -27141,7 +27183,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_stress_inline((int)material->model, material, F, &q, &stress) ||
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
         !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
@@ -27156,7 +27198,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
     if (!material || !F || !A || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_material_tangent_inline((int)material->model, material, F, &q, kind, tangent) ||
+        !sbi_model_tangent((int)material->model, material, F, &q, kind, tangent) ||
         !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
@@ -27186,7 +27228,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_real energy = 0;
     if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy_inline(material, F, unit, &energy))
+        !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -27197,7 +27239,7 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
     if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress_inline(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -27208,7 +27250,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
     sb_vec3 unit;
     sb_real tangent[81] = {0};
     if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent_inline(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -28313,6 +28355,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
+/* The same of rows. */
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
@@ -29010,6 +29054,11 @@ SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
 {
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
+}
+
+SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix)
+{
+    return matrix->live ? matrix->live->row_capacity : matrix->row_count;
 }
 
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->live ? matrix->live->version : 0; }
@@ -37738,8 +37787,12 @@ SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *gu
         work.start = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
         work.in = (double *)sbi_arena_take(arena, work.width, sizeof(double));
         work.out = (double *)sbi_arena_take(arena, work.width, sizeof(double));
-        if (arena->base)
+        work.base = (double *)sbi_arena_take(arena, work.width, sizeof(double));
+        work.first = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
+        if (arena->base) {
             list[g] = work;
+            memset(work.base, 0, work.width * sizeof(double));
+        }
         taken += (size_t)work.guest->taken_count;
     }
     space->kept_room = sbi_guests_taken_blocks(guests, matrix);
@@ -37754,7 +37807,7 @@ static int sbi_guest_is_held(const sbi_guest_space *space, int node, int axis)
     return space->matrix->fixed[node] >> axis & 1;
 }
 
-/* in = own (NULL: 0), and of x the components of its nodes; prescribed ones are those of `held`, or 0. */
+/* in = own (NULL: 0), and of x (NULL: 0) the components of its nodes; prescribed ones are those of `held`, or 0. */
 static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
                              const sb_real *held)
 {
@@ -37767,6 +37820,15 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
             const sb_real *from = sbi_guest_is_held(space, guest->nodes[k], axis) ? held : x;
             *in++ = from ? (double)from[3 * (size_t)guest->nodes[k] + (size_t)axis] : 0;
         }
+}
+
+/* in = the guest's place: unknowns `own`, nodes x further than the base. */
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
+                                   const sb_real *held)
+{
+    sbi_guest_gather(space, work, own, x, held);
+    for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
+        work->in[k] += work->base[k];
 }
 
 /* y += sign out on its nodes, but for prescribed components. */
@@ -37836,7 +37898,7 @@ SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const 
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
-        sbi_guest_gather(space, work, x ? guest->unknown : NULL, x, held);
+        sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
         for (int k = 0; k < guest->node_count; k++)
@@ -37996,11 +38058,50 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
         sbi_guest_work *work = space->work + g;
         if (!work->guest->settle)
             continue;
-        sbi_guest_gather(space, work, work->guest->unknown, x, x);
+        sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
         changed |= work->guest->settle(work->guest->user, work->in) != 0;
     }
     return changed;
 }
+
+/* ---- steps of several solves ---------------------------------------------------------------------------- */
+
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held)
+{
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        double *base = work->base;
+        for (int k = 0; k < guest->unknown_count; k++, base++) {
+            *base = share == 1 ? guest->unknown[k] : *base + share * (guest->unknown[k] - *base);
+            guest->unknown[k] = *base;
+        }
+        for (int k = 0; k < guest->node_count; k++)
+            for (int axis = 0; axis < 3; axis++, base++)
+                *base += (sbi_guest_is_held(space, guest->nodes[k], axis) ? held : share) *
+                         (double)x[3 * (size_t)guest->nodes[k] + (size_t)axis];
+    }
+}
+
+SBI_API void sbi_guest_force(sbi_guest_work *work) { work->guest->residual(work->guest->user, work->base, work->out); }
+
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic)
+{
+    *linear = *quadratic = 0;
+    for (int g = 0; g < space->count; g++) {
+        sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        sbi_guest_force(work);
+        sbi_guest_gather(space, work, guest->unknown, x, NULL);
+        for (int k = 0; k < guest->unknown_count; k++)
+            work->in[k] -= work->base[k];
+        *linear -= sbi_guest_dot(work->in, work->out, work->width);
+        guest->multiply(guest->user, work->in, work->out);
+        *quadratic += sbi_guest_dot(work->in, work->out, work->width) / 2;
+    }
+}
+
+/* ---- the preconditioner --------------------------------------------------------------------------------- */
 
 /* z = B r of the nodes; without a preconditioner r over the mean diagonal. */
 static void sbi_guest_apply(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
@@ -39029,22 +39130,27 @@ typedef struct sbi_pcg_guest_space {
     sbi_guest_space space;
     sbi_pcg_part *parts; /* [most parts + guests + 1] */
     int *part_start;     /* [most parts + guests + 1] */
-    int *part_of;        /* [row_count] */
 } sbi_pcg_guest_space;
 
 static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
                                                    sbi_pcg_guest_space *fresh)
 {
-    int rows = matrix->row_count;
+    int rows = matrix->row_count, *part_of;
     size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
     sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
     g = arena->base ? g : fresh;
     memset(g, 0, sizeof *g);
-    g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
+    part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
     g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
     g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_guest_space_layout(&g->space, guests, matrix, arena);
+    g->space.part_of = part_of;
     return g;
+}
+
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace)
+{
+    return workspace->guests ? &((sbi_pcg_guest_space *)workspace->guests)->space : NULL;
 }
 
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
@@ -39054,12 +39160,16 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
+    size_t bytes;
     sb_result result;
     if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
     sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
-    if (arena.overflow || arena.used > workspace->guest_bytes)
-        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    bytes = arena.used;
+    if (arena.overflow || bytes > workspace->guest_bytes) {
+        arena.overflow |= !sbi_size_add(&bytes, bytes / 2, 1); /* room for guests that grow by and by */
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, bytes, 1);
+    }
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
     /* the marks lie in the same place whatever the guests are */
@@ -39072,7 +39182,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     if (memory != workspace->guests) {
         sbi_free(&workspace->allocator, workspace->guests);
         workspace->guests = memory;
-        workspace->guest_bytes = arena.used;
+        workspace->guest_bytes = bytes;
     }
     arena.base = memory;
     arena.used = 0;
@@ -39132,12 +39242,12 @@ static void sbi_pcg_place_guests(sbi_pcg_state *s, sbi_pcg_guest_space *g)
 {
     for (int c = 0; c < s->part_count; c++)
         for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++)
-            g->part_of[s->part_rows ? s->part_rows[k] : k] = c;
+            g->space.part_of[s->part_rows ? s->part_rows[k] : k] = c;
     for (int k = 0; k < g->space.count; k++) {
         sbi_guest_work *work = g->space.work + k;
         int head = -1;
         for (int n = 0; n < work->guest->node_count; n++) {
-            int part = s->parts[g->part_of[work->guest->nodes[n]]].head;
+            int part = s->parts[g->space.part_of[work->guest->nodes[n]]].head;
             head = head < 0 ? part : sbi_pcg_join(s, head, part);
         }
         work->part = head;
@@ -39192,8 +39302,8 @@ static int sbi_pcg_begin_guests(sbi_pcg_state *s)
         const sbi_guest_work *work = s->guests->work + g;
         for (int k = 0; k < work->guest->unknown_count; k++) {
             if (s->parts[work->part].rhs_square == 0)
-                work->guest->unknown[k] = 0;
-            idle &= work->guest->unknown[k] == 0;
+                work->guest->unknown[k] = work->base[k];
+            idle &= work->guest->unknown[k] == work->base[k];
         }
     }
     sbi_guest_guess(s->guests, idle ? s->x : NULL, s->r, s->p);
@@ -39677,8 +39787,7 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 
 static void sbi_domain_blank(sb_domain *domain, int e)
 {
-    for (int a = 0; a < 4; a++)
-        domain->cells[4 * (size_t)e + (size_t)a] = -1;
+    memset(domain->cells + 4 * (size_t)e, 0, 4 * sizeof(int));
     memset(domain->gradients + 12 * (size_t)e, 0, 12 * sizeof(sb_real));
     domain->weights[e] = 0;
 }
@@ -41459,6 +41568,9 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Memory for another matrix of the same nodes, and its maps. */
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
 SBI_API void sbi_assembly_free_live(sbi_assembly *assembly);
 
 /* Place of a pair in pair_next. */
@@ -41687,13 +41799,7 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
 {
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)sbi_batch_cell(domain, batch, l);
-        sb_vec3 origin;
-        if (cell[0] < 0) { /* a free slot: its moduli are 0 */
-            for (int k = 0; k < 3 * (n - 1); k++)
-                d[k][l] = 0;
-            continue;
-        }
-        origin = u[cell[0]];
+        sb_vec3 origin = u[cell[0]];
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 v = u[cell[a + 1]];
             d[3 * a][l] = v.x - origin.x;
@@ -41756,7 +41862,7 @@ SBI_FORCE_INLINE void sbi_batch_scatter(const sb_domain *domain, int batch, cons
     for (int l = 0; l < count; l++) {
         const int *cell = domain->cells + (size_t)n * (size_t)(batch * SB_POLAR_LANES + l);
         sb_vec3 sum = {0, 0, 0};
-        if (cell[0] < 0)
+        if (cell[0] == cell[1]) /* a free slot: node 0 may be at work on another thread */
             continue;
         for (int a = 0; a < n - 1; a++) {
             sb_vec3 *node = force + cell[a + 1];
@@ -42328,7 +42434,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     size_t cells = (size_t)sbi_assembly_cell_room(domain), n = (size_t)domain->nodes_per_cell;
     size_t chunks;
     assembly->domain = domain;
-    if (!assembly->live) /* the size of a mesh that changes stays what it was first */
+    if (assembly->chunk_size == 0) /* the size of a mesh that changes stays what it was first */
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
@@ -42447,10 +42553,17 @@ SBI_API void sbi_assembly_restore_rotations(sbi_assembly *assembly)
     sbi_assembly_begin_step(assembly, 0);
 }
 
-SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly) { return sbi_batch_fits(assembly->domain); }
+SBI_API int sbi_assembly_has_pairs(const sbi_assembly *assembly)
+{
+    return !assembly->domain->cell_capacity && sbi_batch_fits(assembly->domain);
+}
 
 SBI_API void sbi_assembly_remap(sbi_assembly *assembly, const sb_matrix *matrix, int *pair_start)
 {
+    if (assembly->live) {
+        sbi_assembly_map_rows(assembly, matrix);
+        return;
+    }
     sbi_assembly_map_blocks(assembly, matrix);
     if (sbi_assembly_has_pairs(assembly)) {
         assembly->pair_start = pair_start;
@@ -42714,7 +42827,7 @@ static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, cons
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
         if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress_inline(material, &f[p], assembly->fibres[e], &stress[p])) {
+            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -42734,7 +42847,7 @@ static int sbi_cell_add_extra_energy(const sbi_assembly *assembly, int e, const 
         sb_real density = 0;
         if (weights[p] == 0)
             continue;
-        if (!sbi_fibre_energy_inline(material, &f[p], assembly->fibres[e], &density))
+        if (!sbi_fibre_energy(material, &f[p], assembly->fibres[e], &density))
             return 0;
         *sum += weights[p] * density;
     }
@@ -42765,7 +42878,7 @@ static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int 
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
     if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent_inline(material, f, assembly->fibres[e], tangent))
+        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -42843,7 +42956,7 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
         sb_quat *rotation = assembly->rotations + (size_t)e * (size_t)q;
         sb_mat3 f[SB_MAX_QUADRATURE_POINTS], stress[SB_MAX_QUADRATURE_POINTS];
         sb_real force[SB_MAX_ELEMENT_NODES][3];
-        if (cell[0] < 0)
+        if (sbi_domain_is_free(assembly->domain, e))
             continue;
         sbi_cell_deformations(domain, e, job->u, n, q, f);
         if (!sbi_cell_stresses(assembly, e, job->u, f, q, scheme, rotation, stress, NULL) && bad < 0)
@@ -43233,7 +43346,7 @@ static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, co
     sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
     sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
     int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress_inline(relaxing, f, *fibre, &p));
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
     if (finite)
         p = sb_m3_tmul(cofactor, p);
     for (int k = 0; k < 6; k++) {
@@ -43592,7 +43705,7 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
     sbi_assembly_live *live = assembly->live;
     int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
     for (int k = first; k < end; k++)
-        if (cells[k] >= 0 && !live->marks[cells[k]]) {
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
             live->marks[cells[k]] = 1;
             live->chunk_nodes[first + count++] = cells[k];
         }
@@ -43603,6 +43716,12 @@ static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
 
 /* ---- making one ------------------------------------------------------------------------------------------- */
 
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
 static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
 {
     const sb_domain *domain = assembly->domain;
@@ -43610,12 +43729,10 @@ static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *mat
     for (int i = 0; i < live->node_capacity; i++)
         live->corner_first[i] = -1;
     for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        int node = domain->cells[corner];
-        if (node >= 0)
-            sbi_ring_add(live, node, corner);
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
     }
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
+    sbi_assembly_map_rows(assembly, matrix);
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
@@ -43713,13 +43830,13 @@ static int sbi_assembly_grow_memory(sbi_assembly *assembly)
 }
 
 /* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
 {
     sbi_assembly_live *live = assembly->live, grown = *live;
     size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = matrix->live->row_capacity;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
     grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = matrix->live->block_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
     if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
         return 0;
     memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
@@ -43734,6 +43851,15 @@ static int sbi_assembly_grow_rings(sbi_assembly *assembly, const sb_matrix *matr
     sbi_free(&live->allocator, live->memory);
     *live = grown;
     return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
 }
 
 /* Places to keep what parents have; 0: no memory. */
@@ -44648,10 +44774,10 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 /* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
  *
  *     sbi_step step;
- *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     sb_result result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
  *     do {
  *         while (result == SB_OK && !step.done) {
- *             result = sbi_step_solve(&step, guests, guest_count);
+ *             result = sbi_step_solve(&step);
  *             if (result == SB_OK)
  *                 result = sbi_step_advance(&step);
  *         }
@@ -44660,13 +44786,18 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  *     } while (sbi_step_begin_again(&step, &result));
  *     return result == SB_OK ? result : sbi_step_undo(&step, result);
  *
- * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
- * change the body. */
+ * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From begin to
+ * commit or undo nothing else may change the body.
+ *
+ * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated step
+ * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
+ * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
+ * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
+ * Newmark and generalised alpha start from an acceleration without guests' forces where it is not known (a body's first
+ * step, or the first after displacements were set, constraints changed, a static solve). */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
-
-struct sbi_guest;
 
 /* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
 typedef struct sbi_step {
@@ -44678,11 +44809,14 @@ typedef struct sbi_step {
     int done;                 /* 1: nothing is left to be solved */
     int iteration;            /* of Newton, from 0 */
     sb_tangent_kind kind;     /* of the tangent in A */
+    sbi_guests guests;        /* solved together with the body */
+    int guests_begun;         /* those of them that have begun */
 
     /* what is solved */
     sb_real dt;               /* s */
     sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real known_velocity[2], known_acceleration[2]; /* factors of v and a at the start in v and a, of free axes */
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
                                * loads that follow the body have: 1 in a time step */
@@ -44711,12 +44845,15 @@ typedef struct sbi_step {
 } sbi_step;
 
 /* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
- * the material or the solver refuses. */
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
-/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
- * not positive definite, it is made anew, projected, and solved again. */
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+ * and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what their solves need
+ * is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (see
+ * sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a guest on a node with an
+ * axis that constraints eliminate (error.node; its masters serve); what the material, the solver or a guest refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment and the guests' unknowns. Where the exact tangent is not
+ * positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step);
 /* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
  * system is ready. */
 SBI_API sb_result sbi_step_advance(sbi_step *step);
@@ -44727,8 +44864,11 @@ SBI_API sb_result sbi_step_commit(sbi_step *step);
  * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
  * it. */
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+/* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
 
@@ -44801,6 +44941,87 @@ SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const s
 SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
 
 #endif /* SB_BODY_GUEST_H */
+
+/* ==== src/softbody/body/state_part.h ==== */
+/* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
+ * Floor 3, internal.
+ *
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
+ * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
+ * tells one command, which its `replay` does again. */
+#ifndef SB_STATE_PART_H
+#define SB_STATE_PART_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Where a part's bytes go: they are counted, written or hashed. */
+typedef struct sbi_state_out {
+    unsigned char *bytes; /* NULL: they are not written */
+    size_t used;
+    int overflow;
+    int hashes;
+    uint64_t hash;
+} sbi_state_out;
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
+
+typedef struct sbi_state_part {
+    char name[9];  /* eight characters at most; each name once in a body */
+    int version;   /* of its bytes */
+    void *user;
+    /* Gives its bytes, the same ones as long as nothing has changed. */
+    void (*save)(const void *user, sbi_state_out *out);
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
+     * needs. Nothing that a step could notice changes. */
+    sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
+    /* Becomes it; the body has its own state back already, and listeners have followed. */
+    void (*load)(void *user, const unsigned char *bytes, size_t size);
+    /* After a check, when something else was refused; may be NULL. */
+    void (*give_up)(void *user);
+    /* Does a recorded command again. */
+    sb_result (*replay)(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                        sb_error *error);
+} sbi_state_part;
+
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken),
+ * SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
+/* No longer; one that has not joined is fine. Parts end with the body, too. */
+SBI_API void sbi_body_leave(sb_body *body, const char *name);
+
+/* The body's recorder hears nothing until it is unmuted. Calls nest. */
+SBI_API void sbi_body_mute(sb_body *body);
+SBI_API void sbi_body_unmute(sb_body *body);
+/* A command of the part that changes the body or the part. */
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count);
+/* The same of a command that is a step, with its result: also told when it failed. */
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count);
+
+/* ---- for state.c and record.c ---- */
+
+typedef struct sbi_state_parts {
+    sbi_state_part *list; /* [count] by name */
+    int count, capacity;
+    int muted;
+} sbi_state_parts;
+
+SBI_API void sbi_state_parts_free(sb_body *body);
+/* Bytes of all parts as the image has them. */
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
+ * up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error);
+SBI_API void sbi_state_parts_give_up(const sb_body *owner);
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
+/* The first ints of a part's command name it. */
+enum { SBI_PART_NAME_INTS = 2 };
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error);
+#endif
+
+#endif /* SB_STATE_PART_H */
 
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
@@ -44889,6 +45110,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -44915,6 +45138,7 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -45042,6 +45266,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* 1: an observer hears of calls. */
+SBI_API int sbi_body_is_heard(const sb_body *body);
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
@@ -45094,8 +45320,8 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error);
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error);
 /* The reference mesh as others see it; borrowed arrays. */
 SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 /* Diagonal of the bounding box (m). */
@@ -45195,6 +45421,8 @@ typedef struct sbi_live {
     sbi_slots nodes, cells;
     sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
     sb_quadrature_kind rule;  /* of the domain's points */
+    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;             /* of the def */
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -45240,6 +45468,11 @@ SBI_API sb_result sbi_live_carry_rows(const sb_body *body, const sbi_mesh_change
 /* The body becomes `next`, which is gone then; it keeps its observer, its listeners and, where they have room, its
  * arrays by node. */
 SBI_API void sbi_live_replace(sb_body *body, sb_body *next);
+/* Matrix, and the body's cells of each node, as ones that follow; others stay as they are. */
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error);
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
+/* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
+SBI_API void sbi_live_label_nodes(sb_body *body);
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -45250,6 +45483,36 @@ SB_INLINE sb_real sbi_live_density(const sb_body *body, int cell)
     return body->live ? density * body->live->shares[cell] : density;
 }
 SB_INLINE int sbi_live_has_cell(const sb_body *body, int cell) { return !body->live || body->live->shares[cell] > 0; }
+SB_INLINE int sbi_live_follows(const sb_body *body) { return body->live && body->live->follows; }
+/* Cells and parts that arrays have room for. */
+SB_INLINE int sbi_live_cell_room(const sb_body *body)
+{
+    return body->live ? body->live->cells.capacity : body->domain.cell_count;
+}
+SB_INLINE int sbi_live_part_room(const sb_body *body) /* a part has a cell */
+{
+    return sbi_live_follows(body) ? body->node_capacity / body->domain.nodes_per_cell + 1 : body->component_count;
+}
+
+/* Walks the cells of a node in ascending order: `at` from sbi_live_first_cell on by sbi_live_next_cell until it is < 0;
+ * sbi_live_cell_of(body, at) is the cell. */
+SB_INLINE int sbi_live_first_cell(const sb_body *body, int node)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    if (body->assembly.live)
+        return body->assembly.live->corner_first[node];
+    return lists->offsets[node] < lists->offsets[node + 1] ? lists->offsets[node] : -1;
+}
+SB_INLINE int sbi_live_next_cell(const sb_body *body, int node, int at)
+{
+    if (body->assembly.live)
+        return body->assembly.live->corner_next[at];
+    return at + 1 < body->node_elements.offsets[node + 1] ? at + 1 : -1;
+}
+SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
+{
+    return body->assembly.live ? at / 4 : body->node_elements.items[at];
+}
 
 #endif /* SB_LIVE_PRIVATE_H */
 
@@ -45306,6 +45569,39 @@ typedef struct sbi_change_lists {
 } sbi_change_lists;
 
 #endif /* SB_LIVE_CHANGE_H */
+
+/* ==== src/softbody/body/body_tell.c ==== */
+/* body_tell: the observer of a body hears of the calls that change it. */
+#include <string.h>
+
+
+SBI_API int sbi_body_is_heard(const sb_body *body)
+{
+    return body->observe && !(body->parts && body->parts->muted > 0);
+}
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!sbi_body_is_heard(body))
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (sbi_body_is_heard(body))
+        body->observe(body->observer, command);
+}
 
 /* ==== src/softbody/body/body_material.c ==== */
 /* body_material: regions, their materials, fibres, and what follows from them. */
@@ -45446,7 +45742,7 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
         sbi_free(&body->allocator, copy);
         copy = NULL;
     } else if (!copy) {
-        copy = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof *copy);
+        copy = (sb_vec3 *)sbi_alloc_zeroed(&body->allocator, (size_t)sbi_live_cell_room(body), sizeof *copy);
         if (!copy)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count);
     }
@@ -45600,7 +45896,7 @@ SBI_API sb_result sbi_body_reserve_damping(sb_body *body, const sb_material *mat
     if (!needed || body->damping_blocks || body->integrator == SB_CENTRAL_DIFFERENCE)
         return SB_OK;
     body->damping_blocks =
-        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)body->matrix.block_count + 1, 9 * sizeof(sb_real));
+        (sb_real(*)[9])sbi_alloc(&body->allocator, (size_t)sbi_matrix_capacity(&body->matrix) + 1, 9 * sizeof(sb_real));
     if (!body->damping_blocks)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the damping of %d blocks", body->matrix.block_count);
     return SB_OK;
@@ -45931,13 +46227,15 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
     result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
                               error);
     sbi_free(&body->allocator, start);
+    if (result == SB_OK)
+        result = sbi_live_make_matrix(body, &pattern->matrix, error);
     return result;
 }
 
 /* Takes the arrays of one entry per block from the arena (measuring or for real). */
 static void sbi_body_pattern_layout(const sb_body *body, sbi_body_pattern *pattern, sbi_arena *arena)
 {
-    size_t blocks = (size_t)pattern->matrix.block_count;
+    size_t blocks = (size_t)sbi_matrix_capacity(&pattern->matrix);
     if (body->mass_blocks)
         pattern->mass_blocks = (sb_real *)sbi_arena_take(arena, blocks, sizeof(sb_real));
     if (sbi_assembly_has_pairs(&body->assembly))
@@ -45948,7 +46246,7 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
                                             sb_error *error)
 {
     sbi_arena arena = {NULL, 0, 0};
-    int most = pattern->matrix.block_count;
+    int most = sbi_matrix_capacity(&pattern->matrix);
     const int *row_start = pattern->matrix.row_start, *row_end = pattern->matrix.row_end;
     sbi_body_pattern_layout(body, pattern, &arena);
     pattern->memory = arena.overflow ? NULL : sbi_alloc(&body->allocator, arena.used, 1);
@@ -46001,6 +46299,8 @@ SBI_API sb_result sbi_body_finish_pattern(const sb_body *body, const unsigned ch
     sb_result result = sbi_body_make_extended_matrix(body, pattern, error);
     if (result == SB_OK)
         result = sbi_body_make_block_arrays(body, fixed, pattern, error);
+    if (result == SB_OK)
+        result = sbi_assembly_reserve_remap(&body->assembly, &pattern->matrix, error);
     if (result == SB_OK)
         result = sbi_precond_remake(body->precond, &pattern->matrix, body->reference, &body->allocator,
                                     &pattern->precond, error);
@@ -46086,11 +46386,11 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
     return largest;
 }
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error)
 {
     sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
+    return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
@@ -46171,12 +46471,11 @@ static int sbi_body_is_reversed(const int *a, const int *b, int corners)
 /* Finds the element face with these corner nodes; 0 when there is none. */
 static int sbi_body_find_face(const sb_body *body, const int *corners, int count, sbi_body_face *found)
 {
-    const sb_index_lists *lists = &body->node_elements;
     sbi_element element = sbi_domain_element(&body->domain);
     int n = body->domain.nodes_per_cell;
     memset(found, 0, sizeof *found);
-    for (int k = lists->offsets[corners[0]]; k < lists->offsets[corners[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, corners[0]); at >= 0; at = sbi_live_next_cell(body, corners[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         for (int face = 0; face < sbi_element_face_count(element); face++) {
             int local[SB_MAX_FACE_NODES], nodes[SB_MAX_FACE_NODES];
             sb_element_type face_type = SB_NO_ELEMENT;
@@ -46252,7 +46551,7 @@ static int sbi_body_row_length(const sb_body *body, int node)
 
 SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
 {
-    int most = body->matrix.block_count, capacity;
+    int most = sbi_matrix_capacity(&body->matrix), capacity;
     void *blocks;
     if (needed <= body->support_capacity)
         return SB_OK;
@@ -46270,7 +46569,7 @@ SBI_API sb_result sbi_body_reserve_support_blocks(sb_body *body, int needed)
  * node listed twice counts twice). */
 static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int count)
 {
-    int needed = body->support_used, most = body->matrix.block_count;
+    int needed = body->support_used, most = sbi_matrix_capacity(&body->matrix);
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
@@ -46683,7 +46982,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
     }
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
-SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? body->matrix.block_count : 0; }
+SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
 
 /* ---- motion ---- */
 
@@ -46951,11 +47250,9 @@ SB_API void sb_body_von_mises(const sb_body *body, sb_real *values)
 SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
 {
     const sb_domain *domain;
-    const sb_index_lists *lists;
     if (!body || !values)
         return;
     domain = &body->domain;
-    lists = &body->node_elements;
     for (int i = 0; i < domain->node_count; i++)
         values[i] = 0;
     for (int e = 0; e < domain->cell_count; e++) {
@@ -46965,8 +47262,8 @@ SB_API void sb_body_nodal_von_mises(const sb_body *body, sb_real *values)
     }
     for (int i = 0; i < domain->node_count; i++) {
         sb_real volume = 0;
-        for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++)
-            volume += sbi_body_element_volume(body, lists->items[k]);
+        for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at))
+            volume += sbi_body_element_volume(body, sbi_live_cell_of(body, at));
         values[i] = volume > 0 ? values[i] / volume : 0;
     }
 }
@@ -47059,15 +47356,18 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations)
 /* 1 when an element before this one has the same corners. */
 static int sbi_body_is_duplicate(const sb_body *body, int element)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell, corners = sbi_element_corner_count(sbi_domain_element(&body->domain));
     const int *cell = body->domain.cells + (size_t)element * (size_t)n;
     int local[SB_MAX_ELEMENT_NODES];
     for (int a = 0; a < corners; a++)
         local[a] = a;
-    for (int k = lists->offsets[cell[0]]; lists->items[k] < element; k++)
-        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)lists->items[k] * (size_t)n, local, corners))
+    for (int at = sbi_live_first_cell(body, cell[0]); at >= 0; at = sbi_live_next_cell(body, cell[0], at)) {
+        int e = sbi_live_cell_of(body, at);
+        if (e >= element)
+            return 0;
+        if (sbi_body_has_corners(cell, body->domain.cells + (size_t)e * (size_t)n, local, corners))
             return 1;
+    }
     return 0;
 }
 
@@ -47205,31 +47505,6 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -47322,11 +47597,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 /* The same for what depends on cells, parts and the matrix. */
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
-    size_t parts = (size_t)body->component_count;
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->domain.node_count),
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
                                                  sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)body->matrix.block_count, sizeof(sb_real));
+        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -47425,19 +47700,29 @@ static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
     *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
 }
 
-SBI_API void sbi_body_label_nodes(sb_body *body)
+static void sbi_body_label_by_elements(sb_body *body)
 {
     const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
     for (int c = 0; c < body->component_count; c++) {
         body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
         body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
         body->tie_of[c] = -1;
     }
     for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        int lonely = first == lists->offsets[i + 1];
-        body->node_component[i] = lonely ? -1 : body->element_component.items[lists->items[first]];
-        if (lonely) /* it would make every system singular */
+        if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
         else
             sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
@@ -47456,7 +47741,7 @@ SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
     body->assembly.reference = body->reference;
     sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
     sbi_free(&body->allocator, node_colours);
-    return SB_OK;
+    return sbi_live_make_assembly(body, error);
 }
 
 static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
@@ -47479,11 +47764,12 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     if (result == SB_OK)
         result = sbi_body_make_preconditioner(body, def, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->domain.node_count, allocator, &body->pcg, error);
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
     if (result == SB_OK)
         result = sbi_body_prepare_assembly(body, error);
     if (result != SB_OK)
         return result;
+    body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
@@ -47561,6 +47847,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 
@@ -48717,8 +49004,8 @@ SB_API sb_result sb_body_remove_load(sb_body *body, int load_id)
     return SB_OK;
 }
 
-/* ==== src/softbody/body/live_mesh.c ==== */
-/* live_mesh: slots, readings and listeners of a mesh that may change. */
+/* ==== src/softbody/body/live_slots.c ==== */
+/* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
 
 #include <string.h>
 
@@ -48799,6 +49086,31 @@ static int sbi_live_with_slack(int count, sb_real slack)
     return most < (double)(INT32_MAX / 8) ? (int)most : -1;
 }
 
+/* Slack of a matrix with as much room for rows as the body has for nodes. */
+static double sbi_live_matrix_slack(const sb_body *body, const sb_matrix *matrix)
+{
+    double slack = (double)body->node_capacity / (double)matrix->row_count - 1 + 1e-6;
+    return slack > body->live->slack ? slack : body->live->slack;
+}
+
+/* Room for more cells in what is there already. */
+static sb_result sbi_live_take_cells(sb_body *body, sb_error *error)
+{
+    int capacity = body->live->cells.capacity, *material;
+    sb_result result = SB_OK;
+    if (body->live->follows)
+        result = sbi_domain_make_live(&body->domain, capacity, error);
+    if (result != SB_OK)
+        return result;
+    material = (int *)sbi_alloc_zeroed(&body->allocator, (size_t)capacity, sizeof(int));
+    if (!material)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", capacity);
+    memcpy(material, body->cell_material, (size_t)body->domain.cell_count * sizeof(int));
+    sbi_free(&body->allocator, body->cell_material);
+    body->cell_material = material;
+    return sbi_live_make_matrix(body, &body->matrix, error);
+}
+
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error)
 {
     const sb_allocator *allocator = &body->allocator;
@@ -48828,8 +49140,50 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
                      ? SB_QUADRATURE_STIFFNESS
                      : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
-    return SB_OK;
+    live->slack = (double)def->slack;
+    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    return sbi_live_take_cells(body, error);
 }
+
+SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
+{
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    return sbi_matrix_make_live(matrix, body->domain.cell_count, 4, body->domain.cells, NULL, body->live->nodes.used,
+                                sbi_live_matrix_slack(body, matrix), error);
+}
+
+SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error)
+{
+    sb_result result;
+    if (!sbi_live_follows(body))
+        return SB_OK;
+    result = sbi_assembly_make_live(&body->assembly, &body->matrix, &body->allocator, error);
+    if (result == SB_OK)
+        sb_index_lists_free(&body->node_elements); /* rings take their place */
+    return result;
+}
+
+SBI_API void sbi_live_label_nodes(sb_body *body)
+{
+    const sb_matrix *matrix = &body->matrix;
+    int lonely = -1; /* the part of all nodes that are coupled with no other */
+    for (int i = 0; i < matrix->row_count && lonely < 0; i++)
+        if (sbi_live_first_cell(body, i) < 0)
+            lonely = matrix->live->part_of[i];
+    body->component_count = matrix->part_count - (lonely >= 0);
+    for (int i = 0; i < matrix->row_count; i++) {
+        int part = matrix->live->part_of[i];
+        body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
+    }
+}
+
+/* ==== src/softbody/body/live_mesh.c ==== */
+/* live_mesh: readings and listeners of a mesh that may change. */
+
+#include <string.h>
+
+/* ---- what a body has of it ---- */
 
 SBI_API void sbi_live_destroy(sb_body *body)
 {
@@ -49004,10 +49358,9 @@ static sb_result sbi_live_check_cell(const sb_body *body, int e, sb_error *error
     return SB_OK;
 }
 
-/* Motion of free nodes, and mass and elements of all; mass [node_count] summed anew. */
-static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, sb_error *error)
+/* Motion of free nodes, and mass and elements of all; mass: summed anew; *listed: counts the elements. */
+static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, size_t *listed, sb_error *error)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
     sb_vec3 u = body->displacement[i], v = body->velocity[i];
     if (!sb_body_node_in_use(body, i) && (u.x != 0 || u.y != 0 || u.z != 0 || v.x != 0 || v.y != 0 || v.z != 0 ||
@@ -49016,13 +49369,14 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     if (sb_abs(body->lumped_mass[i] - mass) > 1000 * SB_EPSILON * mass)
         return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d has the mass %g, its cells give it %g", i,
                              (double)body->lumped_mass[i], (double)mass);
-    for (int k = lists->offsets[i]; k < lists->offsets[i + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
-        int found = 0;
+    for (int at = sbi_live_first_cell(body, i); at >= 0; at = sbi_live_next_cell(body, i, at)) {
+        int e = sbi_live_cell_of(body, at), found = 0;
+        const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+        ++*listed;
         for (int a = 0; a < n; a++)
             found |= cell[a] == i;
-        if (!found || !sb_body_cell_in_use(body, lists->items[k]))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, lists->items[k]);
+        if (!found || !sb_body_cell_in_use(body, e))
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is said to be in cell %d", i, e);
     }
     return SB_OK;
 }
@@ -49031,7 +49385,7 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_real *mass;
-    size_t used = 0;
+    size_t used = 0, listed = 0;
     if (!body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_live_check needs a body");
     if (!body->live)
@@ -49059,11 +49413,13 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
         for (int a = 0; a < n; a++)
             mass[cell[a]] += sbi_live_density(body, e) * lumped[a * n + a];
     }
-    if (result == SB_OK && used != (size_t)body->node_elements.offsets[body->domain.node_count])
-        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %d corners of %lu",
-                          body->node_elements.offsets[body->domain.node_count], (unsigned long)used);
     for (int i = 0; i < body->domain.node_count && result == SB_OK; i++)
-        result = sbi_live_check_node(body, i, mass[i], error);
+        result = sbi_live_check_node(body, i, mass[i], &listed, error);
+    if (result == SB_OK && used != listed)
+        result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
+                          (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
     return result;
 }
@@ -49721,11 +50077,12 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
 /* Upper bound of the cells that a moved node reshapes. */
 static int sbi_change_count_reshaped(const sb_body_change *change)
 {
-    const sb_index_lists *lists = &change->body->node_elements;
+    const sb_body *body = change->body;
     int64_t count = 0;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        count += lists->offsets[node + 1] - lists->offsets[node];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+            count++;
     }
     return count < INT32_MAX ? (int)count : INT32_MAX;
 }
@@ -49802,11 +50159,11 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
                                      sb_mesh_change *out)
 {
-    const sb_index_lists *elements = &change->body->node_elements;
+    const sb_body *body = change->body;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
-        for (int k = elements->offsets[node]; k < elements->offsets[node + 1]; k++) {
-            int e = elements->items[k], stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
+        for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
             for (int j = 0; j < out->reshaped_cell_count; j++)
                 stays = stays && lists->reshaped_cells[j] != e;
             if (!stays)
@@ -50114,11 +50471,13 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     sb_domain *domain = &next->domain;
     sbi_live *live = (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     next->live = live;
+    cells = (size_t)mesh->cells.capacity;
     *domain = body->domain;
     domain->allocator = *allocator;
     domain->cell_mass = NULL;
     domain->node_count = mesh->nodes.end;
     domain->cell_count = mesh->cells.end;
+    domain->cell_capacity = body->live->follows ? mesh->cells.capacity : 0;
     domain->cells = (int *)sbi_alloc(allocator, cells, n * sizeof(int));
     domain->gradients = (sb_real *)sbi_alloc(allocator, cells, q * n * 3 * sizeof(sb_real));
     domain->weights = (sb_real *)sbi_alloc(allocator, cells, q * sizeof(sb_real));
@@ -50126,7 +50485,7 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     next->materials = (sb_material *)sbi_alloc(allocator, materials, sizeof(sb_material));
     next->cell_material = (int *)sbi_alloc(allocator, cells, sizeof(int));
     if (mesh->fibres)
-        next->fibres = (sb_vec3 *)sbi_alloc(allocator, cells, sizeof(sb_vec3));
+        next->fibres = (sb_vec3 *)sbi_alloc_zeroed(allocator, cells, sizeof(sb_vec3));
     if (!live || !domain->cells || !domain->gradients || !domain->weights || !next->material_regions ||
         !next->materials || !next->cell_material || (mesh->fibres && !next->fibres) ||
         !sbi_slots_copy(&live->nodes, &mesh->nodes, 0, allocator) ||
@@ -50135,7 +50494,10 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
+    live->follows = body->live->follows;
+    live->slack = body->live->slack;
     live->version = body->live->version + 1;
     next->node_capacity = live->nodes.capacity;
     next->material_count = body->material_count;
@@ -50204,18 +50566,23 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
                                   &next->allocator, &next->matrix, error);
     if (result == SB_OK)
+        result = sbi_live_make_matrix(next, &next->matrix, error);
+    if (result == SB_OK)
         result = sbi_body_take_nodes(next, error);
+    next->assembly.chunk_size = body->live->follows ? body->assembly.chunk_size : 0;
     if (result == SB_OK)
         result = sbi_body_take_topology(next, error);
     if (result != SB_OK)
         return result;
     memcpy(next->reference, mesh->positions, (size_t)domain->node_count * sizeof(sb_vec3));
+    result = sbi_body_prepare_assembly(next, error);
+    if (result != SB_OK)
+        return result;
     sbi_body_label_nodes(next);
     result = sbi_precond_remake(body->precond, &next->matrix, next->reference, &next->allocator, &next->precond, error);
     if (result == SB_OK)
-        result = sb_pcg_workspace_create(domain->node_count, &next->allocator, &next->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(next, error);
+        result = sb_pcg_workspace_create(next->node_capacity, &next->allocator, &next->pcg, error);
+    next->pcg.row_count = domain->node_count;
     if (result == SB_OK && body->assembly.terms)
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
@@ -50668,6 +51035,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    body->parts = old.parts;
+    next->parts = NULL;
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
@@ -50825,10 +51194,9 @@ static void sbi_live_rows_close(sbi_live_rows *rows)
 /* 1 when a cell of the next mesh has all nodes of the list. */
 static int sbi_live_share_cell(const sb_body *body, const int *nodes, int count)
 {
-    const sb_index_lists *lists = &body->node_elements;
     int n = body->domain.nodes_per_cell;
-    for (int k = lists->offsets[nodes[0]]; k < lists->offsets[nodes[0] + 1]; k++) {
-        const int *cell = body->domain.cells + (size_t)lists->items[k] * (size_t)n;
+    for (int at = sbi_live_first_cell(body, nodes[0]); at >= 0; at = sbi_live_next_cell(body, nodes[0], at)) {
+        const int *cell = body->domain.cells + (size_t)sbi_live_cell_of(body, at) * (size_t)n;
         int found = 0;
         for (int i = 0; i < count; i++)
             for (int a = 0; a < n; a++)
@@ -55381,6 +55749,26 @@ SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
 
+/* ---- step_guest.c ---- */
+/* Takes the memory for these guests; all or nothing. */
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);
+/* The system is made, but for its preconditioner: guests begin. */
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
+/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the next
+ * system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale where they
+ * lie in several. Only when guests have begun, as the next two. */
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
+/* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
+/* 1 when the rows of guests that lie in no part meet the tolerance, too, or are no more than `rounding` (N). */
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding);
+/* Of the increment `share` was taken, and `held` of it on supported axes. */
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
+/* Reactions less guests' forces on supported axes. */
+SBI_API void sbi_step_guest_reactions(const sbi_step *step);
+SBI_API void sbi_step_commit_guests(sbi_step *step);
+SBI_API void sbi_step_undo_guests(sbi_step *step);
+
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
@@ -55388,8 +55776,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* Solves it for the body's increment, with guests. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests' forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
 
 /* ---- step_search.c ---- */
@@ -55427,12 +55815,233 @@ SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
 
 #endif /* SB_STEP_PRIVATE_H */
 
+/* ==== src/softbody/body/step_guest.c ==== */
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
+ * are kept by conjugate gradients, from which a step of several solves counts on. */
+#include <math.h>
+#include <string.h>
+
+
+/* ---- begin ---- */
+
+static sbi_guest_space *sbi_step_guest_space(const sbi_step *step) { return sbi_pcg_guests(&step->body->pcg); }
+
+/* Constraints eliminate an equation that a guest would need. */
+static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guests, sb_error *error)
+{
+    for (int g = 0; b->elimination && g < guests->count; g++)
+        for (int k = 0; k < guests->list[g]->node_count; k++) {
+            int node = guests->list[g]->nodes[k];
+            if (b->elimination->slave[node])
+                return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
+                                     node);
+        }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count)
+{
+    sb_body *b = step->body;
+    sbi_guests guests;
+    sb_result result;
+    guests.list = list;
+    guests.count = count;
+    if (count == 0)
+        return SB_OK;
+    result = sbi_pcg_reserve_guests(&b->pcg, b->elimination ? &b->elimination->matrix : &b->matrix, &guests,
+                                    &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_check_slaves(b, &guests, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    step->guests = guests;
+    for (int g = 0; g < count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->first[k] = work->guest->unknown[k];
+    }
+    return SB_OK;
+}
+
+static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix *matrix)
+{
+    const sb_body *b = step->body;
+    sbi_guest_step told;
+    memset(&told, 0, sizeof told);
+    told.matrix = matrix;
+    told.displacement = b->start;
+    told.velocity = b->velocity;
+    told.acceleration = b->acceleration;
+    told.velocity0 = b->velocity0;
+    told.acceleration0 = b->acceleration0;
+    told.present = b->displacement;
+    told.iteration = step->iteration;
+    told.dt = (double)step->dt;
+    told.velocity_factor = (double)step->cv;
+    told.acceleration_factor = (double)step->ca;
+    for (int k = 0; k < 2; k++) {
+        told.known_velocity[k] = (double)step->known_velocity[k];
+        told.known_acceleration[k] = (double)step->known_acceleration[k];
+    }
+    told.level = (double)step->level;
+    told.inertia_level = (double)step->inertia_level;
+    return told;
+}
+
+/* Unknowns as an iteration begins with them. */
+static void sbi_step_set_unknowns(const sbi_guest_work *work, const double *from)
+{
+    for (int k = 0; k < work->guest->unknown_count; k++)
+        work->guest->unknown[k] = from[k];
+}
+
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
+{
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    sbi_guest_step told;
+    if (step->guests.count == 0)
+        return SB_OK;
+    told = sbi_step_tell_guests(step, matrix);
+    space->matrix = matrix;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        sb_error *error = &step->info->error;
+        sb_result result;
+        sbi_step_set_unknowns(work, step->iteration > 0 ? work->base : work->first);
+        step->guests_begun = sbi_max_int(step->guests_begun, g + 1);
+        result = work->guest->begin ? work->guest->begin(work->guest->user, &told, error) : SB_OK;
+        if (result != SB_OK)
+            return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
+    }
+    return SB_OK;
+}
+
+/* ---- residual ---- */
+
+/* The part that a guest counts with: the one of the largest forces among those of its nodes; -1: it has no nodes. */
+static int sbi_step_guest_part(const sbi_step *step, const sbi_guest_space *space, const sbi_guest *guest, int parts)
+{
+    int part = -1;
+    if (parts == 1)
+        return guest->node_count > 0 ? 0 : -1;
+    for (int k = 0; k < guest->node_count; k++) {
+        int other = space->part_of[guest->nodes[k]];
+        if (part < 0 || step->body->part_scale[other] > step->body->part_scale[part])
+            part = other;
+    }
+    return part;
+}
+
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
+{
+    const sb_body *b = step->body;
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    const sb_vec3 *residual = b->elimination ? b->elimination->reduced : b->residual;
+    sb_vec3 *rest = (sb_vec3 *)(void *)space->rest;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
+        for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
+            space->part_of[parts->part_rows[k]] = c;
+    for (int g = 0; g < space->count; g++) {
+        space->work[g].done = 0;
+        space->work[g].part = sbi_step_guest_part(step, space, space->work[g].guest, parts->part_count);
+    }
+    sbi_guest_residual(space, NULL, NULL, space->rest);
+    sbi_guest_measure(space);
+}
+
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].part >= 0 && (part < 0 || space->work[g].part == part))
+            sum += space->work[g].sums[0];
+    return sum;
+}
+
+/* What rows of a guest without nodes are compared with: its loads. */
+static double sbi_step_lone_scale(const sbi_guest_space *space, const sbi_guest_work *work)
+{
+    const sbi_guest *guest = work->guest;
+    double sum = 0;
+    memset(work->in, 0, work->width * sizeof(double));
+    guest->residual(guest->user, work->in, work->out);
+    guest->precondition(guest->user, work->out, work->block);
+    for (size_t k = 0; k < work->size; k++)
+        sum += work->out[k] * work->block[k];
+    return sqrt(space->scale * sum);
+}
+
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        double norm = sqrt(work->sums[0]);
+        if (work->part < 0 && work->size > 0 && !(norm <= (double)rounding) &&
+            !(norm <= (double)step->tolerance * sbi_step_lone_scale(space, work)))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- the increment is taken ---- */
+
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
+{
+    if (step->guests.count > 0)
+        sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
+}
+
+SBI_API void sbi_step_guest_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *force = work->out + work->guest->unknown_count;
+        sbi_guest_force(work);
+        for (int k = 0; k < work->guest->node_count; k++, force += 3) {
+            int node = work->guest->nodes[k];
+            sb_vec3 f = sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]);
+            b->reaction[node] = sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], f), b->reaction[node]);
+        }
+    }
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_commit_guests(sbi_step *step)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        if (work->guest->commit)
+            work->guest->commit(work->guest->user, work->base);
+    }
+}
+
+SBI_API void sbi_step_undo_guests(sbi_step *step)
+{
+    for (int g = step->guests_begun; g-- > 0;) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_set_unknowns(work, work->first);
+        memset(work->base, 0, work->width * sizeof(double));
+        if (work->guest->undo)
+            work->guest->undo(work->guest->user);
+    }
+    step->guests_begun = 0;
+}
+
 /* ==== src/softbody/body/step_residual.c ==== */
 /* step_residual: forces, tangent and residual of a step or a static solve.
  *
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
  * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
  * A du = -r. */
+#include <math.h>
 #include <string.h>
 
 
@@ -55623,10 +56232,21 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
+    const sb_body *b = step->body;
+    if (step->guests_begun)
+        return (const sb_vec3 *)(const void *)sbi_pcg_guests(&b->pcg)->rest;
     return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* A norm with what guests add to it in this part of the matrix (-1: in all). */
+static sb_real sbi_step_with_guests(const sbi_step *step, sb_real norm, int part)
+{
+    if (!step->guests_begun)
+        return norm;
+    return (sb_real)sqrt((double)norm * (double)norm + sbi_step_guest_square(step, part));
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -55649,7 +56269,9 @@ SBI_API void sbi_step_residual(sbi_step *step)
     step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
+    if (step->guests_begun)
+        sbi_step_guest_residual(step, sbi_step_parts(b));
+    step->norm = sbi_step_with_guests(step, sbi_step_norm(b, sbi_step_unbalanced(step), SBI_STEP_FREE), -1);
 }
 
 /* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
@@ -55688,13 +56310,24 @@ static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
     int parts = sbi_step_parts(b)->part_count, meet = 1;
     step->info->residual = 0;
     for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real norm = step->norm;
         sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (parts > 1)
+            norm = sbi_step_with_guests(step, sbi_step_part_norm(b, c, sbi_step_unbalanced(step), SBI_STEP_FREE), c);
         if (scale > 0)
             step->info->residual = sb_max(step->info->residual, norm / scale);
         meet &= norm <= step->tolerance * scale || norm <= rounding;
     }
-    return meet;
+    return meet && (!step->guests_begun || sbi_step_lone_guests_meet(step, rounding));
+}
+
+/* 1 when there is nothing left of the guests' own rows. */
+static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    if (!step->guests_begun)
+        return 1;
+    return sbi_step_guest_square(step, -1) <= (double)(step->tolerance * step->scale * step->tolerance * step->scale) &&
+           sbi_step_lone_guests_meet(step, rounding);
 }
 
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
@@ -55702,7 +56335,9 @@ SBI_API int sbi_step_is_converged(sbi_step *step)
 {
     sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
     int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
-    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+    if (!meet && step->iteration > 0 && sbi_step_is_exhausted(step->body))
+        meet = sbi_step_guests_meet(step, rounding);
+    return !step->moves_supports && meet;
 }
 
 SBI_API int sbi_step_allows_inversion(const sb_body *b)
@@ -55786,17 +56421,13 @@ static void sbi_step_constrained_reactions(const sbi_step *step)
     sbi_constraint_reactions(b, b->work);
 }
 
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-SBI_API void sbi_step_reactions(const sbi_step *step)
+/* The same of a body without constraints. */
+static void sbi_step_support_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
-    if (b->elimination) {
-        sbi_step_constrained_reactions(step);
-        return;
-    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -55810,6 +56441,15 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         }
         b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
+}
+
+SBI_API void sbi_step_reactions(const sbi_step *step)
+{
+    if (step->body->elimination)
+        sbi_step_constrained_reactions(step);
+    else
+        sbi_step_support_reactions(step);
+    sbi_step_guest_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -55872,12 +56512,14 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     else
         sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    result = sbi_step_begin_guests(step, matrix);
+    if (result == SB_OK)
+        result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_step_now(b) - begin;
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -55886,14 +56528,11 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const 
     sbi_elimination *e = b->elimination;
     sb_result result;
     double begin = sbi_step_now(b);
-    (void)guests; /* conjugate gradients have none yet */
-    SB_ASSERT(guest_count == 0);
-    (void)guest_count;
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
@@ -55929,6 +56568,18 @@ typedef struct sbi_step_line {
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
+static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
+{
+    double linear, quadratic;
+    if (step->guests.count == 0)
+        return;
+    sbi_guest_line(sbi_pcg_guests(&step->body->pcg), &step->body->increment[0].x, &linear, &quadratic);
+    line->slope += (sb_real)linear;
+    line->linear += (sb_real)linear;
+    line->quadratic += (sb_real)quadratic;
+    line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -55951,6 +56602,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
+    sbi_step_add_guest_line(step, &line);
     return line;
 }
 
@@ -55976,10 +56628,12 @@ static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, i
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
+/* Takes a trial displacement, which is this share of the increment, and on supported axes `held` of it. */
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy, sb_real share, sb_real held)
 {
     sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_move_guests(step, share, held);
     step->energy = energy;
     step->energy_known = 1;
 }
@@ -56012,13 +56666,13 @@ static sb_result sbi_step_move_supports(sbi_step *step)
         if (b->elimination)
             sbi_elimination_follow(b->elimination, b->work, step->load_factor);
         if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_step_take(step, b->work, alone);
+            sbi_step_take(step, b->work, alone, 0, 1);
             return SB_OK;
         }
     }
     if (!(t > least))
         return sbi_step_no_step(step, bad);
-    sbi_step_take(step, b->work2, energy);
+    sbi_step_take(step, b->work2, energy, t, t);
     return SB_OK;
 }
 
@@ -56046,7 +56700,7 @@ static sb_result sbi_step_search(sbi_step *step)
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_step_take(step, b->work2, energy);
+            sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
             return SB_OK;
         }
@@ -56063,6 +56717,7 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
     } else {
         sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        sbi_step_move_guests(step, 1, 1);
     }
     if (result != SB_OK)
         return result;
@@ -56126,9 +56781,10 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
+    start.guests.count = 0;
     result = sbi_step_make_system(&start);
     if (result == SB_OK)
-        result = sbi_step_solve_system(&start, NULL, 0);
+        result = sbi_step_solve_system(&start);
     if (result == SB_OK)
         memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
@@ -56153,10 +56809,14 @@ static void sbi_step_scheme_alpha(sbi_step *step)
     step->inertia_level = inertia;
     step->cv = gamma / (beta * dt);
     step->ca = inertia / (beta * dt * dt * level);
+    step->known_velocity[0] = 1 - level * gamma / beta;
+    step->known_velocity[1] = level * dt * (1 - gamma / (2 * beta));
+    step->known_acceleration[0] = -inertia / (beta * dt);
+    step->known_acceleration[1] = 1 - inertia / (2 * beta);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
-        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
-        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
@@ -56181,6 +56841,10 @@ static void sbi_step_scheme_newmark(sbi_step *step)
     int newmark = b->integrator == SB_NEWMARK;
     step->cv = (newmark ? 2 : 1) / dt;
     step->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->known_velocity[0] = newmark ? (sb_real)-1 : (sb_real)0;
+    step->known_velocity[1] = 0;
+    step->known_acceleration[0] = newmark ? -4 / dt : -1 / dt;
+    step->known_acceleration[1] = newmark ? (sb_real)-1 : (sb_real)0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {
@@ -56301,7 +56965,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step);
+        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -56315,13 +56979,13 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     return sbi_step_project(step, sbi_step_make_system(step));
 }
 
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve(sbi_step *step)
 {
-    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    sb_result result = sbi_step_solve_system(step);
     if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
         result = sbi_step_project(step, result);
         if (result == SB_OK)
-            result = sbi_step_solve_system(step, guests, guest_count);
+            result = sbi_step_solve_system(step);
     }
     return sbi_step_project(step, result);
 }
@@ -56350,7 +57014,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 {
     sb_result result = begun;
     while (result == SB_OK && !step->done) {
-        result = sbi_step_solve(step, NULL, 0);
+        result = sbi_step_solve(step);
         if (result == SB_OK)
             result = sbi_step_advance(step);
     }
@@ -56531,6 +57195,7 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    sbi_step_commit_guests(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -56542,14 +57207,17 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
-    return sbi_step_start(step);
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
+                        "an explicit step solves no system: it has no parts and no guests");
+    result = sbi_step_take_guests(step, guests, guest_count);
+    return result == SB_OK ? sbi_step_start(step) : result;
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -56569,8 +57237,10 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
         return 0;
     memset(&fresh, 0, sizeof fresh);
+    sbi_step_undo_guests(step);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
+    fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = 0;
     *step = fresh;
@@ -56584,6 +57254,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 {
     if (!step->body) /* refused at once */
         return result;
+    sbi_step_undo_guests(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -56620,19 +57291,25 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
-    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, info, &step);
+    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/step_static.c ==== */
@@ -57734,6 +58411,281 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     return result;
 }
 
+/* ==== src/softbody/body/state_part.c ==== */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
+ * bytes. */
+
+#include <string.h>
+
+
+enum { SBI_PART_NAME = 8, SBI_PART_HEAD = SBI_PART_NAME + 4 + 8 };
+
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
+{
+    if (size == 0)
+        return;
+    if (out->bytes)
+        memcpy(out->bytes + out->used, bytes, size);
+    for (size_t i = 0; out->hashes && i < size; i += 8) {
+        int width = size - i < 8 ? (int)(size - i) : 8;
+        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, width));
+    }
+    out->overflow |= !sbi_size_add(&out->used, size, 1);
+}
+
+/* ---- who has joined ---- */
+
+/* The parts of a body, made when there are none; NULL: no memory. */
+static sbi_state_parts *sbi_state_parts_of(sb_body *body)
+{
+    if (!body->parts)
+        body->parts = (sbi_state_parts *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *body->parts);
+    return body->parts;
+}
+
+static int sbi_state_parts_grow(const sb_body *body, sbi_state_parts *parts)
+{
+    int capacity = parts->capacity + parts->capacity / 2 + 2;
+    sbi_state_part *grown = (sbi_state_part *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return 0;
+    if (parts->count)
+        memcpy(grown, parts->list, (size_t)parts->count * sizeof *grown);
+    sbi_free(&body->allocator, parts->list);
+    parts->list = grown;
+    parts->capacity = capacity;
+    return 1;
+}
+
+/* The place of a name, or where it would go. */
+static int sbi_state_parts_place(const sbi_state_parts *parts, const char *name)
+{
+    int at = 0;
+    while (at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) < 0)
+        at++;
+    return at;
+}
+
+static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *name)
+{
+    const sbi_state_parts *parts = body->parts;
+    int at = parts ? sbi_state_parts_place(parts, name) : 0;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+}
+
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
+{
+    sbi_state_parts *parts = sbi_state_parts_of(body);
+    int at;
+    if (!part->name[0] || sbi_state_parts_find(body, part->name))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body's state has a part '%.8s' already", part->name);
+    if (!parts || (parts->count == parts->capacity && !sbi_state_parts_grow(body, parts)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a part '%.8s' of the body's state", part->name);
+    at = sbi_state_parts_place(parts, part->name);
+    memmove(parts->list + at + 1, parts->list + at, (size_t)(parts->count - at) * sizeof *parts->list);
+    parts->list[at] = *part;
+    parts->count++;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_leave(sb_body *body, const char *name)
+{
+    sbi_state_part *part = sbi_state_parts_find(body, name);
+    sbi_state_parts *parts = body->parts;
+    if (!part)
+        return;
+    parts->count--;
+    memmove(part, part + 1, (size_t)(parts->list + parts->count - part) * sizeof *part);
+}
+
+SBI_API void sbi_state_parts_free(sb_body *body)
+{
+    if (body->parts)
+        sbi_free(&body->allocator, body->parts->list);
+    sbi_free(&body->allocator, body->parts);
+    body->parts = NULL;
+}
+
+/* ---- the image ---- */
+
+static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+{
+    unsigned char number[8];
+    sbi_put_bytes(number, value, bytes);
+    sbi_state_put(out, number, (size_t)bytes);
+}
+
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out)
+{
+    for (int i = 0; body->parts && i < body->parts->count; i++) {
+        const sbi_state_part *part = body->parts->list + i;
+        char name[SBI_PART_NAME] = {0};
+        sbi_state_out size;
+        memset(&size, 0, sizeof size);
+        part->save(part->user, &size);
+        memcpy(name, part->name, strlen(part->name));
+        sbi_state_put(out, name, sizeof name);
+        sbi_state_put_number(out, (uint64_t)part->version, 4);
+        sbi_state_put_number(out, size.used, 8);
+        part->save(part->user, out);
+        out->overflow |= size.overflow;
+    }
+}
+
+/* One part of an image. */
+typedef struct sbi_part_view {
+    char name[SBI_PART_NAME + 1];
+    int version;
+    const unsigned char *bytes;
+    size_t size;
+} sbi_part_view;
+
+/* Takes the part at bytes + *at and steps on; 0: it ends too early. */
+static int sbi_part_next(const unsigned char *bytes, size_t size, size_t *at, sbi_part_view *view)
+{
+    const unsigned char *head = bytes + *at;
+    uint64_t length;
+    if (size - *at < SBI_PART_HEAD)
+        return 0;
+    length = sbi_get_bytes(head + SBI_PART_NAME + 4, 8);
+    if (length > size - *at - SBI_PART_HEAD)
+        return 0;
+    memset(view, 0, sizeof *view);
+    memcpy(view->name, head, SBI_PART_NAME);
+    view->version = sbi_int_of(sbi_get_bytes(head + SBI_PART_NAME, 4));
+    view->bytes = head + SBI_PART_HEAD;
+    view->size = (size_t)length;
+    *at += SBI_PART_HEAD + view->size;
+    return 1;
+}
+
+static void sbi_state_parts_give_up_first(const sb_body *owner, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (owner->parts->list[i].give_up)
+            owner->parts->list[i].give_up(owner->parts->list[i].user);
+}
+
+SBI_API void sbi_state_parts_give_up(const sb_body *owner)
+{
+    sbi_state_parts_give_up_first(owner, owner->parts ? owner->parts->count : 0);
+}
+
+/* Whether part i of the owner may become what the image says. */
+static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body, int i, const sbi_part_view *view,
+                                      sb_error *error)
+{
+    const sbi_state_part *part = owner->parts ? owner->parts->list + i : NULL;
+    int order = !part || i == owner->parts->count ? -1 : strncmp(view->name, part->name, SBI_PART_NAME);
+    if (order < 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
+                        view->name);
+    if (order > 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+    if (view->version != part->version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
+                        view->version, part->version);
+    return part->check(part->user, body, view->bytes, view->size, error);
+}
+
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    int count = owner->parts ? owner->parts->count : 0, i = 0;
+    size_t at = 0;
+    sb_result result = SB_OK;
+    while (at < size && result == SB_OK) {
+        sbi_part_view view;
+        if (!sbi_part_next(bytes, size, &at, &view))
+            result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many or too few",
+                              (unsigned long)(size - at));
+        else
+            result = sbi_state_part_check(owner, body, i, &view, error);
+        i += result == SB_OK;
+    }
+    if (result == SB_OK && i < count)
+        result = sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                          owner->parts->list[i].name);
+    if (result != SB_OK)
+        sbi_state_parts_give_up_first(owner, i);
+    return result;
+}
+
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes)
+{
+    size_t at = 0;
+    for (int i = 0; owner->parts && i < owner->parts->count; i++) {
+        sbi_part_view view;
+        (void)sbi_part_next(bytes, (size_t)-1, &at, &view); /* it was checked */
+        owner->parts->list[i].load(owner->parts->list[i].user, view.bytes, view.size);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_body_mute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted++;
+}
+
+SBI_API void sbi_body_unmute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted--;
+}
+
+static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name, sb_result result, const int *ints,
+                          size_t int_count, const sb_real *reals, size_t real_count)
+{
+    unsigned char bytes[SBI_PART_NAME] = {0};
+    int named[SBI_PART_NAME_INTS];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    memcpy(bytes, name, strlen(name));
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        named[k] = sbi_int_of(sbi_get_bytes(bytes + 4 * k, 4));
+    command.code = code;
+    command.a = (int)result;
+    command.ints = named;
+    command.int_count = SBI_PART_NAME_INTS;
+    command.more_ints = ints;
+    command.more_int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
+}
+
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART_STEP, name, result, ints, int_count, reals, real_count);
+}
+
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    char name[SBI_PART_NAME + 1] = {0};
+    unsigned char bytes[SBI_PART_NAME];
+    const sbi_state_part *part;
+    if (int_count < SBI_PART_NAME_INTS)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the command of a part does not name it");
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        sbi_put_bytes(bytes + 4 * k, (uint64_t)(uint32_t)ints[k], 4);
+    memcpy(name, bytes, sizeof bytes);
+    part = sbi_state_parts_find(body, name);
+    if (!part || !part->replay)
+        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
+                        name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+}
+
 /* ==== src/softbody/body/state.c ==== */
 /* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
 
@@ -57826,6 +58778,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -58908,19 +59861,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -58928,14 +59881,29 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
         if (part->walk == sbi_state_live && !body->live)
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -58971,6 +59939,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -58983,6 +59952,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -58990,8 +59960,10 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
 }
 
@@ -58999,7 +59971,7 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body)
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -59008,19 +59980,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -59035,13 +60014,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -59069,10 +60048,12 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
@@ -59118,7 +60099,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
  * and a command is
  *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
  * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
- * displacements. */
+ * displacements: of as many nodes as the body has then. */
 
 #include <string.h>
 
@@ -59211,7 +60192,7 @@ static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_coun
 
 static int sbi_record_is_solve(sbi_command_code code)
 {
-    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC || code == SBI_COMMAND_PART_STEP;
 }
 
 /* Where a solve led; sized by sbi_record_outcome_size. */
@@ -59220,8 +60201,8 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
     const sb_body *body = recording->body;
     sbi_record_put(recording, sb_body_state_hash(body), 8);
     for (int k = 0; k < SBI_RECORD_RANGES; k++)
-        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
-    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, body->domain.node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < body->domain.node_count; i++) {
         sbi_record_put_real(recording, body->displacement[i].x);
         sbi_record_put_real(recording, body->displacement[i].y);
         sbi_record_put_real(recording, body->displacement[i].z);
@@ -59231,7 +60212,7 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
 static size_t sbi_record_outcome_size(const sb_recording *recording)
 {
     int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
-    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->body->domain.node_count * sizeof(sb_vec3) : 0);
 }
 
 static int sbi_record_append(sb_recording *recording, const sbi_command *command)
@@ -59399,8 +60380,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
-                * with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
+                * body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -59623,6 +60604,11 @@ static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *e
     return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
 }
 
+static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -59725,6 +60711,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
+    {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -59736,21 +60724,22 @@ static const sbi_record_rule *sbi_record_find_rule(int code)
 }
 
 /* 1 when the counts are those of the rule. */
-static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 {
-    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    size_t reals = (size_t)rule->reals;
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
         reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
-        reals = 3 * (size_t)recording->node_count;
+        reals = c->real_count / 3 * 3;
     if (rule->reals == SBI_REALS_ANY)
         reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
-        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+        return c->a <= 0 && c->a > -64 && c->byte_count >= SBI_RECORD_OUTCOME &&
+               (c->byte_count - SBI_RECORD_OUTCOME) % sizeof(sb_vec3) == 0;
     return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
 }
 
@@ -59792,7 +60781,7 @@ static int sbi_record_next(sbi_record_cursor *cursor)
     cursor->reals = cursor->ints + 4 * (size_t)ints;
     cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
     cursor->at += used;
-    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+    return cursor->rule && sbi_record_fits(cursor->rule, &cursor->command);
 }
 
 static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
@@ -59926,16 +60915,17 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 }
 
 /* Finds where the displacements leave those of the recording. */
-static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
-                              size_t size, sb_recording_report *report)
+static void sbi_record_locate(const sb_body *body, const unsigned char *outcome, size_t size,
+                              sb_recording_report *report)
 {
-    int n = recording->node_count;
+    int n = body->domain.node_count;
+    int has_positions = size == SBI_RECORD_OUTCOME + (size_t)n * sizeof(sb_vec3);
     for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
         if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
             report->first_node = sbi_record_range_start(n, k);
             report->last_node = sbi_record_range_start(n, k + 1) - 1;
         }
-    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+    for (int i = report->first_node; has_positions && i >= 0 && i <= report->last_node; i++) {
         sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
         if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
             sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
@@ -59959,7 +60949,7 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
     report->actual = actual;
     report->expected_hash = expected;
     report->actual_hash = hash;
-    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    sbi_record_locate(body, c->bytes, c->byte_count, report);
     memcpy(reason, report->error.message, sizeof reason);
     if ((int)actual != c->a)
         return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
@@ -59979,7 +60969,10 @@ static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_re
     char reason[256];
     sb_result result;
     memset(&report->error, 0, sizeof report->error);
-    result = rule->play(body, &cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
+        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    else
+        result = rule->play(body, &cursor->command, &report->error);
     if (sbi_record_is_solve(rule->code))
         return sbi_record_compare(cursor, body, result, report);
     if (result == SB_OK)
