@@ -10,7 +10,7 @@ closing='^[0-9][0-9]* passed, [0-9][0-9]* failed, [0-9][0-9]* skipped$'
 
 if [ "${TOTAL_JOBS:-1}" != 1 ] && [ $# -gt 1 ]; then
     self=$0 work=$(mktemp -d)
-    export self work
+    export self work closing
     trap 'rm -rf "$log" "$status" "$work"' EXIT
     i=0
     for command; do
@@ -18,7 +18,7 @@ if [ "${TOTAL_JOBS:-1}" != 1 ] && [ $# -gt 1 ]; then
         printf '%s' "$command" >"$work/$i"
         echo $i
     done | TOTAL_JOBS=1 xargs -P "$TOTAL_JOBS" -I STEP sh -c '
-        sh "$self" "$(cat "$work/STEP")" >"$work/STEP.out"; cat "$work/STEP.out"' | grep -v "$closing"
+        sh "$self" "$(cat "$work/STEP")" >"$work/STEP.out"; grep -v "$closing" "$work/STEP.out"'
     unset TOTAL_JOBS
     i=0
     for command; do
