@@ -5845,6 +5845,8 @@ typedef struct sbi_guest_step {
     const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
     const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
     int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
     double dt;                   /* s; 0: static */
     double velocity_factor;      /* 1/s */
     double acceleration_factor;  /* 1/s^2 */
@@ -10468,6 +10470,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
+ * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
+
 /* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
  * by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
@@ -11233,6 +11239,45 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
         reader->at += sbi_reader_newline(reader, reader->at);
         sbi_reader_count_line(reader);
     }
+}
+
+/* Whether the file begins with `start`, whatever the case of its letters. */
+static int sbi_reader_begins(const sbi_reader *reader, const char *start)
+{
+    sbi_word word;
+    word.text = reader->data;
+    word.length = strlen(start);
+    return reader->size >= word.length && sbi_word_is(word, start);
+}
+
+/* By its byte order mark. */
+static int sbi_reader_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+                                 (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
+{
+    static const struct {
+        char start[20];
+        char kind[72];
+    } kinds[] = {{"\x1F\x8B", "packed by gzip: unpack it first"},
+                 {"PK\x03\x04", "a zip archive: unpack it first"},
+                 {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
+                 {"BZh", "packed by bzip2: unpack it first"},
+                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
+                 {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
+                 {"<html", "a web page, not the file that it shows or links to"},
+                 {"\x89PNG", "a PNG picture"},
+                 {"%PDF", "a PDF document"}};
+    if (sbi_reader_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (sbi_reader_begins(reader, kinds[i].start))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "the file is %s", kinds[i].kind);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
@@ -12212,20 +12257,15 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-/* By its byte order mark. */
-static int sbi_meshio_is_utf16(const sbi_reader *reader)
-{
-    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
-           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
-            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
-}
-
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
-    if (sbi_meshio_is_utf16(reader))
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    if (!sbi_stl_is_binary(reader->data, reader->size)) {
+        sb_result result = sbi_reader_check_kind(reader);
+        if (result)
+            return result;
+    }
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)
@@ -18459,8 +18499,10 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result;
+    sb_result result = sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
+    if (result)
+        return result;
     switch (format) {
     case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
@@ -44753,8 +44795,8 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
  * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
  * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
- * Newmark and generalised alpha start from an acceleration without guests' forces where it is not known (a body's first
- * step, or the first after displacements were set, constraints changed, a static solve). */
+ * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
+ * displacements were set, constraints changed, a static solve), guests take part in finding it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
@@ -44771,6 +44813,7 @@ typedef struct sbi_step {
     sb_tangent_kind kind;     /* of the tangent in A */
     sbi_guests guests;        /* solved together with the body */
     int guests_begun;         /* those of them that have begun */
+    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
     sb_real dt;               /* s */
@@ -44849,6 +44892,9 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
+SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
+SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -55844,6 +55890,7 @@ static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix
     told.acceleration0 = b->acceleration0;
     told.present = b->displacement;
     told.iteration = step->iteration;
+    told.starts = step->starts;
     told.dt = (double)step->dt;
     told.velocity_factor = (double)step->cv;
     told.acceleration_factor = (double)step->ca;
@@ -56726,6 +56773,28 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
+ * the acceleration ca d: as good as their forces and masses at the start. */
+static sb_result sbi_step_solve_acceleration(sbi_step *start)
+{
+    const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
+    sb_body *b = start->body;
+    sb_result result;
+    if (start->guests.count > 0) {
+        start->ca = instants / start->dt * (instants / start->dt);
+        start->known_velocity[0] = 1;
+        start->starts = 1;
+    }
+    sbi_body_add_mass(b, start->guests.count > 0 ? start->ca : (sb_real)1);
+    result = sbi_step_make_system(start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(start);
+    for (int i = 0; result == SB_OK && i < b->domain.node_count; i++)
+        b->acceleration[i] = start->guests.count > 0 ? sb_v3_scale(start->ca, b->increment[i]) : b->increment[i];
+    sbi_step_undo_guests(start);
+    return result;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
@@ -56745,15 +56814,9 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
         sbi_step_tangent(&start, SB_TANGENT_QUASI);
     sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
-    sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    start.guests.count = 0;
-    result = sbi_step_make_system(&start);
-    if (result == SB_OK)
-        result = sbi_step_solve_system(&start);
-    if (result == SB_OK)
-        memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
+    result = sbi_step_solve_acceleration(&start);
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
@@ -57505,6 +57568,9 @@ SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_er
 }
 
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
+SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
+SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
+SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
