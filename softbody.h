@@ -5845,6 +5845,8 @@ typedef struct sbi_guest_step {
     const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
     const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
     int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
     double dt;                   /* s; 0: static */
     double velocity_factor;      /* 1/s */
     double acceleration_factor;  /* 1/s^2 */
@@ -10468,6 +10470,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
+ * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
+
 /* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
  * by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
@@ -11233,6 +11239,45 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
         reader->at += sbi_reader_newline(reader, reader->at);
         sbi_reader_count_line(reader);
     }
+}
+
+/* Whether the file begins with `start`, whatever the case of its letters. */
+static int sbi_reader_begins(const sbi_reader *reader, const char *start)
+{
+    sbi_word word;
+    word.text = reader->data;
+    word.length = strlen(start);
+    return reader->size >= word.length && sbi_word_is(word, start);
+}
+
+/* By its byte order mark. */
+static int sbi_reader_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+                                 (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
+{
+    static const struct {
+        char start[20];
+        char kind[72];
+    } kinds[] = {{"\x1F\x8B", "packed by gzip: unpack it first"},
+                 {"PK\x03\x04", "a zip archive: unpack it first"},
+                 {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
+                 {"BZh", "packed by bzip2: unpack it first"},
+                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
+                 {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
+                 {"<html", "a web page, not the file that it shows or links to"},
+                 {"\x89PNG", "a PNG picture"},
+                 {"%PDF", "a PDF document"}};
+    if (sbi_reader_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (sbi_reader_begins(reader, kinds[i].start))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "the file is %s", kinds[i].kind);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
@@ -12212,20 +12257,15 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-/* By its byte order mark. */
-static int sbi_meshio_is_utf16(const sbi_reader *reader)
-{
-    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
-           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
-            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
-}
-
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
-    if (sbi_meshio_is_utf16(reader))
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    if (!sbi_stl_is_binary(reader->data, reader->size)) {
+        sb_result result = sbi_reader_check_kind(reader);
+        if (result)
+            return result;
+    }
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)
@@ -18459,8 +18499,10 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result;
+    sb_result result = sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
+    if (result)
+        return result;
     switch (format) {
     case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
@@ -39120,12 +39162,16 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
+    size_t bytes;
     sb_result result;
     if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
     sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
-    if (arena.overflow || arena.used > workspace->guest_bytes)
-        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    bytes = arena.used;
+    if (arena.overflow || bytes > workspace->guest_bytes) {
+        arena.overflow |= !sbi_size_add(&bytes, bytes / 2, 1); /* room for guests that grow by and by */
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, bytes, 1);
+    }
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
     /* the marks lie in the same place whatever the guests are */
@@ -39138,7 +39184,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     if (memory != workspace->guests) {
         sbi_free(&workspace->allocator, workspace->guests);
         workspace->guests = memory;
-        workspace->guest_bytes = arena.used;
+        workspace->guest_bytes = bytes;
     }
     arena.base = memory;
     arena.used = 0;
@@ -44749,8 +44795,8 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
  * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
  * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
- * Newmark and generalised alpha start from an acceleration without guests' forces where it is not known (a body's first
- * step, or the first after displacements were set, constraints changed, a static solve). */
+ * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
+ * displacements were set, constraints changed, a static solve), guests take part in finding it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
@@ -44767,6 +44813,7 @@ typedef struct sbi_step {
     sb_tangent_kind kind;     /* of the tangent in A */
     sbi_guests guests;        /* solved together with the body */
     int guests_begun;         /* those of them that have begun */
+    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
     sb_real dt;               /* s */
@@ -44846,7 +44893,12 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
+<<<<<<< HEAD
 SBI_API double sbi_body_now(const sb_body *body); /* s, on its clock; 0: it has none */
+=======
+SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
+>>>>>>> main
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -44913,6 +44965,94 @@ SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const s
 SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
 
 #endif /* SB_BODY_GUEST_H */
+
+/* ==== src/softbody/body/state_part.h ==== */
+/* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
+ * Floor 3, internal.
+ *
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
+ * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
+ * tells one command, which its `replay` does again. */
+#ifndef SB_STATE_PART_H
+#define SB_STATE_PART_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Where a part's bytes go: they are counted, written or hashed. */
+typedef struct sbi_state_out {
+    unsigned char *bytes; /* NULL: they are not written */
+    size_t used;
+    int overflow;
+    int hashes;
+    uint64_t hash;
+} sbi_state_out;
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
+
+typedef struct sbi_state_part {
+    char name[9];  /* eight characters at most; each name once in a body */
+    int version;   /* of its bytes */
+    void *user;
+    /* Gives its bytes, the same ones as long as nothing has changed. */
+    void (*save)(const void *user, sbi_state_out *out);
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
+     * needs. Nothing that a step could notice changes. */
+    sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
+    /* Becomes it; the body has its own state back already, and listeners have followed. */
+    void (*load)(void *user, const unsigned char *bytes, size_t size);
+    /* After a check, when something else was refused; may be NULL. */
+    void (*give_up)(void *user);
+    /* Does a recorded command again. */
+    sb_result (*replay)(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                        sb_error *error);
+} sbi_state_part;
+
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken),
+ * SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
+/* No longer; one that has not joined is fine. Parts end with the body, too. */
+SBI_API void sbi_body_leave(sb_body *body, const char *name);
+
+/* The body's recorder hears nothing until it is unmuted. Calls nest. */
+SBI_API void sbi_body_mute(sb_body *body);
+SBI_API void sbi_body_unmute(sb_body *body);
+/* A command of the part that changes the body or the part. */
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count);
+/* The same of a command that is a step, with its result: also told when it failed. */
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count);
+
+/* ---- undo ----
+ * What a saved state holds, for this body alone: cheap, neither checked nor recorded, and without others' parts. */
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body);
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer); /* [sbi_body_snapshot_size] */
+/* Back to it. Allocates (SB_ERROR_MEMORY, nothing changes) only where mesh, loads or constraints have changed since. */
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error);
+
+/* ---- for state.c and record.c ---- */
+
+typedef struct sbi_state_parts {
+    sbi_state_part *list; /* [count] by name */
+    int count, capacity;
+    int muted;
+} sbi_state_parts;
+
+SBI_API void sbi_state_parts_free(sb_body *body);
+/* Bytes of all parts as the image has them. */
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
+ * up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error);
+SBI_API void sbi_state_parts_give_up(const sb_body *owner);
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
+/* The first ints of a part's command name it. */
+enum { SBI_PART_NAME_INTS = 2 };
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error);
+#endif
+
+#endif /* SB_STATE_PART_H */
 
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
@@ -45001,6 +45141,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -45027,6 +45169,7 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -45154,6 +45297,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* 1: an observer hears of calls. */
+SBI_API int sbi_body_is_heard(const sb_body *body);
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
@@ -45455,6 +45600,39 @@ typedef struct sbi_change_lists {
 } sbi_change_lists;
 
 #endif /* SB_LIVE_CHANGE_H */
+
+/* ==== src/softbody/body/body_tell.c ==== */
+/* body_tell: the observer of a body hears of the calls that change it. */
+#include <string.h>
+
+
+SBI_API int sbi_body_is_heard(const sb_body *body)
+{
+    return body->observe && !(body->parts && body->parts->muted > 0);
+}
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!sbi_body_is_heard(body))
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (sbi_body_is_heard(body))
+        body->observe(body->observer, command);
+}
 
 /* ==== src/softbody/body/body_material.c ==== */
 /* body_material: regions, their materials, fibres, and what follows from them. */
@@ -47358,31 +47536,6 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -47725,6 +47878,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 
@@ -50914,6 +51068,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    body->parts = old.parts;
+    next->parts = NULL;
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
@@ -55754,6 +55910,7 @@ static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix
     told.acceleration0 = b->acceleration0;
     told.present = b->displacement;
     told.iteration = step->iteration;
+    told.starts = step->starts;
     told.dt = (double)step->dt;
     told.velocity_factor = (double)step->cv;
     told.acceleration_factor = (double)step->ca;
@@ -56636,6 +56793,28 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
+ * the acceleration ca d: as good as their forces and masses at the start. */
+static sb_result sbi_step_solve_acceleration(sbi_step *start)
+{
+    const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
+    sb_body *b = start->body;
+    sb_result result;
+    if (start->guests.count > 0) {
+        start->ca = instants / start->dt * (instants / start->dt);
+        start->known_velocity[0] = 1;
+        start->starts = 1;
+    }
+    sbi_body_add_mass(b, start->guests.count > 0 ? start->ca : (sb_real)1);
+    result = sbi_step_make_system(start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(start);
+    for (int i = 0; result == SB_OK && i < b->domain.node_count; i++)
+        b->acceleration[i] = start->guests.count > 0 ? sb_v3_scale(start->ca, b->increment[i]) : b->increment[i];
+    sbi_step_undo_guests(start);
+    return result;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
@@ -56655,15 +56834,9 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
         sbi_step_tangent(&start, SB_TANGENT_QUASI);
     sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
-    sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    start.guests.count = 0;
-    result = sbi_step_make_system(&start);
-    if (result == SB_OK)
-        result = sbi_step_solve_system(&start);
-    if (result == SB_OK)
-        memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
+    result = sbi_step_solve_acceleration(&start);
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
@@ -57417,6 +57590,10 @@ SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_er
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
 SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
+<<<<<<< HEAD
+=======
+SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
+>>>>>>> main
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
@@ -58328,6 +58505,281 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     return result;
 }
 
+/* ==== src/softbody/body/state_part.c ==== */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
+ * bytes. */
+
+#include <string.h>
+
+
+enum { SBI_PART_NAME = 8, SBI_PART_HEAD = SBI_PART_NAME + 4 + 8 };
+
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
+{
+    if (size == 0)
+        return;
+    if (out->bytes)
+        memcpy(out->bytes + out->used, bytes, size);
+    for (size_t i = 0; out->hashes && i < size; i += 8) {
+        int width = size - i < 8 ? (int)(size - i) : 8;
+        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, width));
+    }
+    out->overflow |= !sbi_size_add(&out->used, size, 1);
+}
+
+/* ---- who has joined ---- */
+
+/* The parts of a body, made when there are none; NULL: no memory. */
+static sbi_state_parts *sbi_state_parts_of(sb_body *body)
+{
+    if (!body->parts)
+        body->parts = (sbi_state_parts *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *body->parts);
+    return body->parts;
+}
+
+static int sbi_state_parts_grow(const sb_body *body, sbi_state_parts *parts)
+{
+    int capacity = parts->capacity + parts->capacity / 2 + 2;
+    sbi_state_part *grown = (sbi_state_part *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return 0;
+    if (parts->count)
+        memcpy(grown, parts->list, (size_t)parts->count * sizeof *grown);
+    sbi_free(&body->allocator, parts->list);
+    parts->list = grown;
+    parts->capacity = capacity;
+    return 1;
+}
+
+/* The place of a name, or where it would go. */
+static int sbi_state_parts_place(const sbi_state_parts *parts, const char *name)
+{
+    int at = 0;
+    while (at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) < 0)
+        at++;
+    return at;
+}
+
+static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *name)
+{
+    const sbi_state_parts *parts = body->parts;
+    int at = parts ? sbi_state_parts_place(parts, name) : 0;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+}
+
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
+{
+    sbi_state_parts *parts = sbi_state_parts_of(body);
+    int at;
+    if (!part->name[0] || sbi_state_parts_find(body, part->name))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body's state has a part '%.8s' already", part->name);
+    if (!parts || (parts->count == parts->capacity && !sbi_state_parts_grow(body, parts)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a part '%.8s' of the body's state", part->name);
+    at = sbi_state_parts_place(parts, part->name);
+    memmove(parts->list + at + 1, parts->list + at, (size_t)(parts->count - at) * sizeof *parts->list);
+    parts->list[at] = *part;
+    parts->count++;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_leave(sb_body *body, const char *name)
+{
+    sbi_state_part *part = sbi_state_parts_find(body, name);
+    sbi_state_parts *parts = body->parts;
+    if (!part)
+        return;
+    parts->count--;
+    memmove(part, part + 1, (size_t)(parts->list + parts->count - part) * sizeof *part);
+}
+
+SBI_API void sbi_state_parts_free(sb_body *body)
+{
+    if (body->parts)
+        sbi_free(&body->allocator, body->parts->list);
+    sbi_free(&body->allocator, body->parts);
+    body->parts = NULL;
+}
+
+/* ---- the image ---- */
+
+static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+{
+    unsigned char number[8];
+    sbi_put_bytes(number, value, bytes);
+    sbi_state_put(out, number, (size_t)bytes);
+}
+
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out)
+{
+    for (int i = 0; body->parts && i < body->parts->count; i++) {
+        const sbi_state_part *part = body->parts->list + i;
+        char name[SBI_PART_NAME] = {0};
+        sbi_state_out size;
+        memset(&size, 0, sizeof size);
+        part->save(part->user, &size);
+        memcpy(name, part->name, strlen(part->name));
+        sbi_state_put(out, name, sizeof name);
+        sbi_state_put_number(out, (uint64_t)part->version, 4);
+        sbi_state_put_number(out, size.used, 8);
+        part->save(part->user, out);
+        out->overflow |= size.overflow;
+    }
+}
+
+/* One part of an image. */
+typedef struct sbi_part_view {
+    char name[SBI_PART_NAME + 1];
+    int version;
+    const unsigned char *bytes;
+    size_t size;
+} sbi_part_view;
+
+/* Takes the part at bytes + *at and steps on; 0: it ends too early. */
+static int sbi_part_next(const unsigned char *bytes, size_t size, size_t *at, sbi_part_view *view)
+{
+    const unsigned char *head = bytes + *at;
+    uint64_t length;
+    if (size - *at < SBI_PART_HEAD)
+        return 0;
+    length = sbi_get_bytes(head + SBI_PART_NAME + 4, 8);
+    if (length > size - *at - SBI_PART_HEAD)
+        return 0;
+    memset(view, 0, sizeof *view);
+    memcpy(view->name, head, SBI_PART_NAME);
+    view->version = sbi_int_of(sbi_get_bytes(head + SBI_PART_NAME, 4));
+    view->bytes = head + SBI_PART_HEAD;
+    view->size = (size_t)length;
+    *at += SBI_PART_HEAD + view->size;
+    return 1;
+}
+
+static void sbi_state_parts_give_up_first(const sb_body *owner, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (owner->parts->list[i].give_up)
+            owner->parts->list[i].give_up(owner->parts->list[i].user);
+}
+
+SBI_API void sbi_state_parts_give_up(const sb_body *owner)
+{
+    sbi_state_parts_give_up_first(owner, owner->parts ? owner->parts->count : 0);
+}
+
+/* Whether part i of the owner may become what the image says. */
+static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body, int i, const sbi_part_view *view,
+                                      sb_error *error)
+{
+    const sbi_state_part *part = owner->parts ? owner->parts->list + i : NULL;
+    int order = !part || i == owner->parts->count ? -1 : strncmp(view->name, part->name, SBI_PART_NAME);
+    if (order < 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
+                        view->name);
+    if (order > 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+    if (view->version != part->version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
+                        view->version, part->version);
+    return part->check(part->user, body, view->bytes, view->size, error);
+}
+
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    int count = owner->parts ? owner->parts->count : 0, i = 0;
+    size_t at = 0;
+    sb_result result = SB_OK;
+    while (at < size && result == SB_OK) {
+        sbi_part_view view;
+        if (!sbi_part_next(bytes, size, &at, &view))
+            result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many or too few",
+                              (unsigned long)(size - at));
+        else
+            result = sbi_state_part_check(owner, body, i, &view, error);
+        i += result == SB_OK;
+    }
+    if (result == SB_OK && i < count)
+        result = sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                          owner->parts->list[i].name);
+    if (result != SB_OK)
+        sbi_state_parts_give_up_first(owner, i);
+    return result;
+}
+
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes)
+{
+    size_t at = 0;
+    for (int i = 0; owner->parts && i < owner->parts->count; i++) {
+        sbi_part_view view;
+        (void)sbi_part_next(bytes, (size_t)-1, &at, &view); /* it was checked */
+        owner->parts->list[i].load(owner->parts->list[i].user, view.bytes, view.size);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_body_mute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted++;
+}
+
+SBI_API void sbi_body_unmute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted--;
+}
+
+static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name, sb_result result, const int *ints,
+                          size_t int_count, const sb_real *reals, size_t real_count)
+{
+    unsigned char bytes[SBI_PART_NAME] = {0};
+    int named[SBI_PART_NAME_INTS];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    memcpy(bytes, name, strlen(name));
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        named[k] = sbi_int_of(sbi_get_bytes(bytes + 4 * k, 4));
+    command.code = code;
+    command.a = (int)result;
+    command.ints = named;
+    command.int_count = SBI_PART_NAME_INTS;
+    command.more_ints = ints;
+    command.more_int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
+}
+
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART_STEP, name, result, ints, int_count, reals, real_count);
+}
+
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    char name[SBI_PART_NAME + 1] = {0};
+    unsigned char bytes[SBI_PART_NAME];
+    const sbi_state_part *part;
+    if (int_count < SBI_PART_NAME_INTS)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the command of a part does not name it");
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        sbi_put_bytes(bytes + 4 * k, (uint64_t)(uint32_t)ints[k], 4);
+    memcpy(name, bytes, sizeof bytes);
+    part = sbi_state_parts_find(body, name);
+    if (!part || !part->replay)
+        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
+                        name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+}
+
 /* ==== src/softbody/body/state.c ==== */
 /* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
 
@@ -58411,6 +58863,7 @@ typedef struct sbi_state_walk {
     const unsigned char *in; /* CHECK, RESERVE, READ */
     size_t used, size;       /* bytes: passed so far, of in */
     int overflow;            /* MEASURE: used does not fit size_t */
+    int plain;               /* 1: for this body alone: what it is made of and what others keep are left out */
     uint64_t hash;
     sb_result result;        /* the first failure; what comes after it is 0 */
     sb_error *error;
@@ -58420,6 +58873,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -58489,6 +58943,30 @@ static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
     return value;
 }
 
+/* 1: numbers lie in memory as in an image. */
+static int sbi_state_is_little_endian(void)
+{
+    const uint32_t one = 1;
+    unsigned char first;
+    memcpy(&first, &one, 1);
+    return first == 1;
+}
+
+/* Passes an array of numbers at once: gives it away, takes it over, or steps past it. 0: it has to be passed number by
+ * number, to be hashed or checked, or because the machine orders bytes in another way. */
+static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_t size)
+{
+    if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
+        !sbi_state_is_little_endian())
+        return 0;
+    if (walk->pass == SBI_STATE_WRITE)
+        memcpy(walk->out + walk->used, array, count * size);
+    if (walk->pass == SBI_STATE_READ)
+        memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
 /* What the image and the body must agree on. */
 static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
 {
@@ -58504,6 +58982,8 @@ enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
 /* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
 static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
 {
+    if (sbi_state_bulk(walk, vectors, (size_t)count, sizeof *vectors))
+        return;
     for (int i = 0; i < count && walk->result == SB_OK; i++) {
         sb_vec3 v = sbi_state_vector(walk, vectors[i]);
         if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
@@ -59237,6 +59717,8 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
     sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
     sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    if (current && sbi_state_bulk(walk, body->internal, (size_t)n, sizeof(sb_vec3)))
+        n = 0;
     for (int i = 0; i < n && walk->result == SB_OK; i++) {
         sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
         if (walk->pass == SBI_STATE_READ)
@@ -59277,7 +59759,8 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
 {
     const sbi_assembly *assembly = &body->assembly;
     int cells = body->domain.cell_count, points = body->domain.points_per_cell;
-    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+    int one_by_one = !sbi_state_bulk(walk, assembly->rotations, (size_t)cells * (size_t)points, sizeof(sb_quat));
+    for (int e = 0; one_by_one && e < cells && walk->result == SB_OK; e++)
         for (int p = 0; p < points; p++) {
             sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
             sb_quat q = sbi_state_rotation(walk, *at, e);
@@ -59286,8 +59769,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
         }
     for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
-        sb_quat q = sbi_state_rotation(
-            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        if (!sbi_state_bulk(walk, &q, 1, sizeof q))
+            q = sbi_state_rotation(walk, q, e);
         if (walk->pass != SBI_STATE_READ)
             continue;
         at[0] = q.w;
@@ -59387,11 +59871,29 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
 
+/* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
+static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
+{
+    size_t corners = (size_t)n * sizeof(int);
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+        return 0;
+    if (walk->pass == SBI_STATE_MEASURE)
+        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
+    for (int e = 0; e < mesh->cells.end; e++) {
+        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
+        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
+        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    }
+    return 1;
+}
+
 /* What follows the counts; `store` has the image's values go into the mesh. */
 static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (sbi_state_put_mesh(walk, mesh, n))
+        return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
         sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
     for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
@@ -59502,19 +60004,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -59522,14 +60024,31 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
-        if (part->walk == sbi_state_live && !body->live)
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
+        if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    if (walk->plain)
+        return;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -59565,6 +60084,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -59577,6 +60097,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -59584,16 +60105,34 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
+}
+
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
 }
 
 /* Tells a recording what was loaded. */
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -59602,19 +60141,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK && !walk->plain) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -59629,13 +60175,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -59663,10 +60209,22 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.in = (const unsigned char *)snapshot;
+    walk.size = size;
+    walk.error = error;
+    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
@@ -59712,7 +60270,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
  * and a command is
  *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
  * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
- * displacements. */
+ * displacements: of as many nodes as the body has then. */
 
 #include <string.h>
 
@@ -59805,7 +60363,7 @@ static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_coun
 
 static int sbi_record_is_solve(sbi_command_code code)
 {
-    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC || code == SBI_COMMAND_PART_STEP;
 }
 
 /* Where a solve led; sized by sbi_record_outcome_size. */
@@ -59814,8 +60372,8 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
     const sb_body *body = recording->body;
     sbi_record_put(recording, sb_body_state_hash(body), 8);
     for (int k = 0; k < SBI_RECORD_RANGES; k++)
-        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
-    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, body->domain.node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < body->domain.node_count; i++) {
         sbi_record_put_real(recording, body->displacement[i].x);
         sbi_record_put_real(recording, body->displacement[i].y);
         sbi_record_put_real(recording, body->displacement[i].z);
@@ -59825,7 +60383,7 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
 static size_t sbi_record_outcome_size(const sb_recording *recording)
 {
     int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
-    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->body->domain.node_count * sizeof(sb_vec3) : 0);
 }
 
 static int sbi_record_append(sb_recording *recording, const sbi_command *command)
@@ -59993,8 +60551,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
-                * with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
+                * body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -60217,6 +60775,11 @@ static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *e
     return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
 }
 
+static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -60319,6 +60882,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
+    {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -60330,21 +60895,22 @@ static const sbi_record_rule *sbi_record_find_rule(int code)
 }
 
 /* 1 when the counts are those of the rule. */
-static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 {
-    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    size_t reals = (size_t)rule->reals;
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
         reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
-        reals = 3 * (size_t)recording->node_count;
+        reals = c->real_count / 3 * 3;
     if (rule->reals == SBI_REALS_ANY)
         reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
-        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+        return c->a <= 0 && c->a > -64 && c->byte_count >= SBI_RECORD_OUTCOME &&
+               (c->byte_count - SBI_RECORD_OUTCOME) % sizeof(sb_vec3) == 0;
     return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
 }
 
@@ -60386,7 +60952,7 @@ static int sbi_record_next(sbi_record_cursor *cursor)
     cursor->reals = cursor->ints + 4 * (size_t)ints;
     cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
     cursor->at += used;
-    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+    return cursor->rule && sbi_record_fits(cursor->rule, &cursor->command);
 }
 
 static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
@@ -60520,16 +61086,17 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 }
 
 /* Finds where the displacements leave those of the recording. */
-static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
-                              size_t size, sb_recording_report *report)
+static void sbi_record_locate(const sb_body *body, const unsigned char *outcome, size_t size,
+                              sb_recording_report *report)
 {
-    int n = recording->node_count;
+    int n = body->domain.node_count;
+    int has_positions = size == SBI_RECORD_OUTCOME + (size_t)n * sizeof(sb_vec3);
     for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
         if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
             report->first_node = sbi_record_range_start(n, k);
             report->last_node = sbi_record_range_start(n, k + 1) - 1;
         }
-    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+    for (int i = report->first_node; has_positions && i >= 0 && i <= report->last_node; i++) {
         sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
         if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
             sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
@@ -60553,7 +61120,7 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
     report->actual = actual;
     report->expected_hash = expected;
     report->actual_hash = hash;
-    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    sbi_record_locate(body, c->bytes, c->byte_count, report);
     memcpy(reason, report->error.message, sizeof reason);
     if ((int)actual != c->a)
         return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
@@ -60573,7 +61140,10 @@ static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_re
     char reason[256];
     sb_result result;
     memset(&report->error, 0, sizeof report->error);
-    result = rule->play(body, &cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
+        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    else
+        result = rule->play(body, &cursor->command, &report->error);
     if (sbi_record_is_solve(rule->code))
         return sbi_record_compare(cursor, body, result, report);
     if (result == SB_OK)

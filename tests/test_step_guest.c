@@ -92,6 +92,7 @@ typedef struct device {
     double brake, limit;          /* N/m, N; 0: none. Along z of its last node */
     double hold;                  /* N, when it slips */
     int slips;
+    double seen;                  /* acceleration along x that its first node started with (m/s^2) */
     int begins, settles, commits, undos;
     int fail_begin, nan_at, bad_at, calls; /* from which call on; 0: never */
 } device;
@@ -137,6 +138,7 @@ static sb_result device_begin(void *user, const sbi_guest_step *step, sb_error *
     if (d->fail_begin && d->begins >= d->fail_begin)
         return sbi_fail(error, SB_ERROR_STATE, "not today");
     d->slips = step->iteration > 0 && d->slips;
+    d->seen = (double)step->acceleration[d->nodes[0]].x;
     for (int k = 0; k < n; k++) {
         d->own0[0][k] = step->known_velocity[0] * d->own[1][k] + step->known_velocity[1] * d->own[2][k];
         d->own0[1][k] = step->known_acceleration[0] * d->own[1][k] + step->known_acceleration[1] * d->own[2][k];
@@ -327,6 +329,19 @@ static device *brake_create(int node, double limit)
     return d;
 }
 
+/* Two masses on springs to the ground and between each other, beside the body. */
+static device *lone_create(void)
+{
+    device *d = device_create(6, 0, NULL, 0);
+    device_link(d, d->k, 0, 3, 500);
+    for (int k = 0; k < 6; k++) {
+        d->k[k * (d->width + 1)] += k < 3 ? 2e4 : 3;
+        d->m[k * (d->width + 1)] = 0.01;
+        d->force[k] = 0.03 * (k - 2);
+    }
+    return d;
+}
+
 /* ---- scenes ---------------------------------------------------------------------------------------------- */
 
 typedef struct scene_def {
@@ -337,11 +352,13 @@ typedef struct scene_def {
     int iterated;
     sb_precond_kind precond;
     int moving, constrained, consistent;
+    double slack;
+    int parts;            /* 1: a second box beside the first, which nothing holds but guests */
     int workers;
     double load;          /* factor of the forces on the body */
 } scene_def;
 
-enum { DEVICES = 4 };
+enum { DEVICES = 5 };
 
 typedef struct scene {
     sb_mesh mesh;
@@ -387,6 +404,7 @@ static sb_body *scene_make_body(scene *s, const scene_def *what, const sb_alloca
     def.tolerance = REAL(scene_tolerance(1e-10, 30));
     def.newton_tolerance = REAL(1e-9);
     def.max_iterations = 5000;
+    def.slack = REAL(what->slack);
     def.jobs = scene_jobs(s->workers);
     if (allocator)
         def.allocator = *allocator;
@@ -405,6 +423,16 @@ static sb_body *scene_make_body(scene *s, const scene_def *what, const sb_alloca
     return body;
 }
 
+/* A smaller copy at some distance. */
+static void scene_add_box(sb_mesh *mesh)
+{
+    sb_mesh second = scene_box(mesh->element_type, 2, 2, 1, sb_v3(REAL(0.02), REAL(0.02), REAL(0.01)), 0.1);
+    for (int i = 0; i < second.node_count; i++)
+        second.nodes[i] = sb_v3_add(second.nodes[i], sb_v3(REAL(box[0] + 0.02), 0, 0));
+    CHECK_OK(sb_mesh_append(mesh, &second, NULL));
+    sb_mesh_free(&second);
+}
+
 static scene scene_make(const scene_def *what, const sb_allocator *allocator)
 {
     scene s;
@@ -413,6 +441,8 @@ static scene scene_make(const scene_def *what, const sb_allocator *allocator)
     s.workers = (int *)malloc(sizeof(int));
     *s.workers = what->workers ? what->workers : 1;
     s.mesh = scene_box(what->type, 3, 2, 2, sb_v3(REAL(box[0]), REAL(box[1]), REAL(box[2])), 0.2);
+    if (what->parts)
+        scene_add_box(&s.mesh);
     if (what->fibres) {
         s.fibres = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)s.mesh.element_count);
         for (int e = 0; e < s.mesh.element_count; e++)
@@ -428,6 +458,13 @@ static scene scene_make(const scene_def *what, const sb_allocator *allocator)
     s.devices[0] = chain_create(scene_corner(&s.mesh, box[0], box[1], box[2]), scene_corner(&s.mesh, 0, box[1], box[2]));
     s.devices[1] = beam_create(3, line);
     s.devices[2] = force_create(scene_corner(&s.mesh, box[0] * 2 / 3, 0, 0), scene_corner(&s.mesh, 0, 0, 0));
+    if (what->parts) { /* the chain joins both parts, the forces are on the second one alone */
+        int far = scene_corner(&s.mesh, box[0] + 0.04, 0.02, 0.01), close = scene_corner(&s.mesh, box[0] + 0.02, 0, 0);
+        s.devices[0]->nodes[1] = close;
+        s.devices[2]->nodes[0] = far;
+        s.devices[2]->nodes[1] = close;
+    }
+    s.devices[4] = lone_create();
     s.devices[3] = brake_create(scene_corner(&s.mesh, box[0], box[1] / 2, 0), what->moving ? 0.005 : 1e3);
     for (int k = 0; k < DEVICES; k++)
         s.list[k] = &s.devices[k]->guest;
@@ -642,7 +679,7 @@ static void check_momentum(const scene *s, double tolerance)
     const sbi_guest_step *t = &s->devices[0]->told;
     double sum[3] = {0, 0, 0}, size = 0;
     int n = b->domain.node_count;
-    sb_vec3 *a = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)n), *ma = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)n);
+    sb_vec3 *a = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3)), *ma = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3));
     for (int i = 0; i < n; i++) {
         sb_vec3 v = sb_v3_madd(b->saved_velocity[i], REAL(t->level), sb_v3_sub(b->velocity[i], b->saved_velocity[i]));
         a[i] = sb_v3_madd(b->velocity0[i], REAL(t->velocity_factor * t->level), sb_v3_sub(b->displacement[i], b->start[i]));
@@ -691,7 +728,7 @@ static void check_scene(const scene_def *what, int steps, double dt)
         CHECK(!what->iterated || info.newton_iterations < 25);
         for (int g = 0; g < DEVICES; g++) {
             CHECK_INT(s.devices[g]->commits, step);
-            CHECK_INT(s.devices[g]->undos, 0);
+            CHECK_INT(s.devices[g]->undos, what->integrator != SB_EULER); /* once to find how it starts */
         }
         slipped |= s.devices[3]->slips;
         if (what->moving && !what->iterated && sb_material_is_hyperelastic(what->material.model) && is_left_behind(&s)) {
@@ -768,6 +805,88 @@ static void test_elements(void)
         }
 }
 
+/* Two parts that only a guest joins: each part, and a guest that lies in none, to its own tolerance. */
+static void test_parts(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int form = 0; form < 4; form++) {
+            scene_def what = usual();
+            what.parts = 1;
+            what.integrator = integrators[i];
+            what.iterated = form % 2;
+            what.moving = form / 2;
+            what.constrained = form == 1;
+            what.material = form == 3 ? sb_material_neo_hookean(REAL(8e3), REAL(0.4), 1000) : what.material;
+            what.precond = i == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+            check_scene(&what, 3, 0.01);
+        }
+}
+
+/* Splits the edge between the first two nodes of a cell by its middle. */
+static void split_edge(sb_body *body, int cell)
+{
+    sb_body_change *change = NULL;
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    const sb_real halves[2] = {REAL(0.5), REAL(0.5)};
+    int ends[2], middle, cells = sb_body_element_count(body);
+    sb_error error;
+    memcpy(ends, sb_body_cell_nodes(body, cell), sizeof ends);
+    CHECK_OK(sb_body_change_begin(body, &change, &error));
+    CHECK_OK(sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[ends[0]], X[ends[1]])), ends, halves, 2, 0,
+                                     &middle, &error));
+    for (int e = 0; e < cells; e++) {
+        int at[2] = {-1, -1}, nodes[4];
+        memcpy(nodes, sb_body_cell_nodes(body, e), sizeof nodes);
+        for (int k = 0; k < 8; k++)
+            at[k % 2] = nodes[k / 2] == ends[k % 2] ? k / 2 : at[k % 2];
+        for (int side = 0; side < 2 && at[0] >= 0 && at[1] >= 0; side++) {
+            sb_change_cell made = sb_default_change_cell();
+            int half[4];
+            memcpy(half, nodes, sizeof half);
+            half[at[side]] = middle;
+            made.nodes = half;
+            made.parent = e;
+            CHECK_OK(side == 0 ? sb_body_change_replace_cell(change, e, &made, &error)
+                               : sb_body_change_add_cell(change, &made, NULL, &error));
+        }
+    }
+    if (!CHECK_OK(sb_body_change_commit(change, &error)))
+        sb_body_change_cancel(change);
+}
+
+/* Guests go on when the mesh has changed about their nodes. */
+static void test_changes(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int iterated = 0; iterated < 2; iterated++) {
+            scene_def what = usual();
+            size_t bytes;
+            void *before;
+            scene s;
+            what.slack = 0.2;
+            what.integrator = integrators[i];
+            what.iterated = iterated;
+            what.constrained = i == 2;
+            what.precond = iterated ? SB_PRECOND_IC0 : SB_PRECOND_BLOCK_JACOBI;
+            s = scene_make(&what, NULL);
+            for (int step = 0; step < 4; step++) {
+                reference r;
+                if (step > 0)
+                    split_edge(s.body, 7 * step);
+                s.mesh.node_count = sb_body_node_count(s.body);
+                bytes = sb_body_state_size(s.body);
+                before = malloc(bytes);
+                CHECK_OK(sb_body_state_save(s.body, before, bytes));
+                CHECK_OK(scene_step(&s, 0.01, NULL));
+                check_momentum(&s, scene_tolerance(iterated ? 1e-7 : 1e-8, 3e4));
+                r = reference_solve(&s, &what, before, bytes, what.constrained);
+                reference_compare(&s, &r, SB_REAL_IS_FLOAT ? 2e-2 : 1e-6);
+                free(before);
+            }
+            scene_free(&s);
+        }
+}
+
 static void test_preconditioners(void)
 {
     const sb_precond_kind kinds[7] = {SB_PRECOND_NONE, SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_SSOR,     SB_PRECOND_IC0,
@@ -784,5 +903,363 @@ static void test_preconditioners(void)
         }
 }
 
-CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements},
-            {"preconditioners", test_preconditioners});
+/* How far the step is from the equations at its end, relative to the forces; unknowns of guests by their own block. */
+static double equations_left(scene *s, const scene_def *what, const void *before, size_t bytes)
+{
+    const sbi_guest_step *t = &s->devices[0]->told;
+    int n = 3 * s->mesh.node_count + 1, at = 3 * s->mesh.node_count;
+    double *a, *b, *damping, size = 0, off = 0;
+    sb_real *u = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
+    reference r;
+    for (int g = 0; g < DEVICES; g++)
+        n += s->devices[g]->guest.unknown_count;
+    r.n = n;
+    r.nodes = at;
+    r.x = (double *)calloc((size_t)n, sizeof(double));
+    a = (double *)malloc(sizeof(double) * (size_t)n * (size_t)n);
+    b = (double *)malloc(sizeof(double) * (size_t)n);
+    damping = (double *)calloc((size_t)n * (size_t)n, sizeof(double));
+    CHECK_OK(sb_body_state_load(s->other, before, bytes, NULL));
+    s->other->assembly.unknots = 0;
+    CHECK(sbi_assembly_force(&s->other->assembly, s->body->start, s->other->internal) < 0);
+    sbi_assembly_tangent(&s->other->assembly, s->body->start, SB_TANGENT_SPD, 1, &s->other->matrix);
+    reference_add(&s->other->matrix, 1, damping, n);
+    sbi_assembly_begin_step(&s->other->assembly, REAL(t->level * t->dt));
+    for (int i = 0; i < r.nodes; i++) {
+        double start = device_component(s->body->start, i / 3, i % 3);
+        u[i] = REAL(start + t->level * (device_component(s->body->displacement, i / 3, i % 3) - start));
+    }
+    for (int g = 0; g < DEVICES; g++)
+        for (int k = 0; k < s->devices[g]->guest.unknown_count; k++)
+            r.x[at++] = s->devices[g]->x[k];
+    reference_system(s, what, u, damping, a, b, &r, 0);
+    for (int i = 0; i < n; i++)
+        off = fabs(b[i]) > off ? fabs(b[i]) : off;
+    for (int i = 0; i < s->mesh.node_count; i++)
+        size += (double)sb_v3_norm(s->body->internal[i]);
+    free(a), free(b), free(damping), free(u), free(r.x);
+    return off / size;
+}
+
+/* The same step in its parts; *cuts counts increments of which a share was taken. */
+static sb_result scene_step_parts(scene *s, double dt, sb_step_info *info, int *cuts)
+{
+    sbi_step step;
+    sb_result result = sbi_step_begin(s->body, REAL(dt), s->list, DEVICES, info, &step);
+    do {
+        while (result == SB_OK && !step.done) {
+            result = sbi_step_solve(&step);
+            if (result == SB_OK)
+                result = sbi_step_advance(&step);
+            *cuts += result == SB_OK && step.cautious;
+        }
+        if (result == SB_OK)
+            result = sbi_step_commit(&step);
+    } while (sbi_step_begin_again(&step, &result));
+    return result == SB_OK ? result : sbi_step_undo(&step, result);
+}
+
+/* Loads that no whole increment can take at once, supports that move far: the iteration ends at the equations all the
+ * same, guests' unknowns with it. */
+static void test_line_search(void)
+{
+    int shortened = 0;
+    for (int m = 0; m < 3; m++)
+        for (int i = 0; i < 3; i++)
+            for (int moving = 0; moving < 2; moving++) {
+                scene_def what = usual();
+                scene s;
+                size_t bytes;
+                void *before;
+                what.material = m == 0   ? sb_material_neo_hookean(REAL(8e3), REAL(0.4), 1000)
+                                : m == 1 ? sb_material_stable_neo_hookean(REAL(8e3), REAL(0.4), 1000)
+                                         : sb_material_corotated(REAL(8e3), REAL(0.4), 1000);
+                what.integrator = integrators[i];
+                what.iterated = 1;
+                what.moving = moving;
+                what.load = 120;
+                s = scene_make(&what, NULL);
+                s.devices[2]->force[0] = 4;
+                s.devices[0]->force[1] = -0.4;
+                bytes = sb_body_state_size(s.body);
+                before = malloc(bytes);
+                for (int step = 0; step < 3; step++) {
+                    sb_step_info info;
+                    scene_move(&s, &what, 4 * step);
+                    CHECK_OK(sb_body_state_save(s.body, before, bytes));
+                    if (!CHECK_OK(scene_step_parts(&s, 0.05, &info, &shortened)))
+                        printf("    %s\n", info.error.message);
+                    CHECK(!info.capped);
+                    CHECK_NEAR(equations_left(&s, &what, before, bytes), 0, SB_REAL_IS_FLOAT ? 2e-4 : 1e-8);
+                }
+                free(before);
+                scene_free(&s);
+            }
+    CHECK(shortened > 0);
+}
+
+/* A linearised step of a hyperelastic body takes a share of the increment: guests take the same. */
+static void test_share(void)
+{
+    int shortened = 0;
+    for (int i = 0; i < 3; i++)
+        for (int load = 1; load <= 256; load *= 4) {
+            scene_def what = usual();
+            scene s;
+            size_t bytes;
+            void *before;
+            what.material = sb_material_neo_hookean(REAL(8e3), REAL(0.4), 1000);
+            what.integrator = integrators[i];
+            what.load = load;
+            s = scene_make(&what, NULL);
+            bytes = sb_body_state_size(s.body);
+            before = malloc(bytes);
+            for (int step = 0; step < 2; step++) {
+                const sbi_guest_step *t = &s.devices[0]->told;
+                reference r;
+                int largest = 0;
+                CHECK_OK(sb_body_state_save(s.body, before, bytes));
+                if (scene_step(&s, 0.02, NULL) != SB_OK) { /* no share was admissible where it ends */
+                    CHECK(load > 4 && what.integrator == SB_GENERALISED_ALPHA);
+                    break;
+                }
+                r = reference_solve(&s, &what, before, bytes, 0);
+                for (int k = 0; k < r.nodes; k++)
+                    largest = fabs(r.x[k]) > fabs(r.x[largest]) ? k : largest;
+                r.share = t->level *
+                          (device_component(s.body->displacement, largest / 3, largest % 3) -
+                           device_component(s.body->start, largest / 3, largest % 3)) / r.x[largest];
+                CHECK_NEAR(log2(r.share), floor(log2(r.share) + 0.5), SB_REAL_IS_FLOAT ? 0.1 : 1e-5);
+                shortened += r.share < 0.75;
+                if (r.share > 0.75)
+                    check_momentum(&s, scene_tolerance(1e-8, 3e4));
+                reference_compare(&s, &r, SB_REAL_IS_FLOAT ? 2e-2 : 1e-6);
+            }
+            free(before);
+            scene_free(&s);
+        }
+    CHECK(shortened > 0);
+}
+
+/* ---- bits ---- */
+
+/* All that a scene's steps leave behind. */
+static unsigned long long scene_bits(const scene *s)
+{
+    size_t bytes = sb_body_state_size(s->body), n = (size_t)s->mesh.node_count;
+    void *state = malloc(bytes);
+    unsigned long long hash;
+    CHECK_OK(sb_body_state_save(s->body, state, bytes));
+    hash = scene_hash(state, bytes) ^ 3 * scene_hash(sb_body_reactions(s->body), n * sizeof(sb_vec3));
+    for (int g = 0; g < DEVICES; g++) {
+        const device *d = s->devices[g];
+        hash = 31 * hash + scene_hash(d->unknown, sizeof(double) * (size_t)d->width);
+        for (int k = 0; k < 3; k++)
+            hash = 31 * hash + scene_hash(d->own[k], sizeof(double) * (size_t)d->width);
+    }
+    free(state);
+    return hash;
+}
+
+static void test_threads(void)
+{
+    const int workers[3] = {1, 2, 5};
+    const sb_precond_kind kinds[3] = {SB_PRECOND_IC0, SB_PRECOND_FSAI, SB_PRECOND_MULTIGRID};
+    for (int k = 0; k < 3; k++)
+        for (int iterated = 0; iterated < 2; iterated++) {
+            unsigned long long first = 0;
+            for (int w = 0; w < 3; w++) {
+                scene_def what = usual();
+                scene s;
+                what.precond = kinds[k];
+                what.iterated = iterated;
+                what.moving = 1;
+                what.workers = workers[w];
+                s = scene_make(&what, NULL);
+                for (int step = 1; step <= 3; step++) {
+                    scene_move(&s, &what, step);
+                    CHECK_OK(scene_step(&s, 0.01, NULL));
+                }
+                first = w ? first : scene_bits(&s);
+                CHECK(scene_bits(&s) == first);
+                scene_free(&s);
+            }
+        }
+}
+
+enum { BREAK_BEGIN, BREAK_LATER, BREAK_NAN, BREAK_INDEFINITE, BREAK_LOAD, BREAKS };
+
+/* Makes the next step fail, or no longer. */
+static void scene_break(scene *s, int how, int broken)
+{
+    device *d = s->devices[how == BREAK_NAN ? 0 : 1], *force = s->devices[2];
+    int later = how == BREAK_LATER ? 2 : 1;
+    d->fail_begin = broken && how <= BREAK_LATER ? d->begins + later : 0;
+    d->nan_at = broken && how == BREAK_NAN ? d->calls + 7 : 0;
+    d->bad_at = broken && how == BREAK_INDEFINITE ? d->calls + 4 : 0;
+    force->force[1] = broken && how == BREAK_LOAD ? (double)NAN : 0;
+}
+
+/* A step that fails leaves body and guests as they were, to the bit, and those after it go as if it had not been. */
+static void test_undo(void)
+{
+    const sb_result results[BREAKS] = {SB_ERROR_STATE, SB_ERROR_STATE, SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE,
+                                       SB_ERROR_DIVERGED};
+    for (int how = 0; how < BREAKS; how++)
+        for (int i = 0; i < 3; i++)
+            for (int iterated = how == BREAK_LATER; iterated < 2; iterated++) {
+                scene_def what = usual();
+                scene s, whole;
+                unsigned long long before;
+                if ((i + how) % 2)
+                    what.material = sb_material_neo_hookean(REAL(8e3), REAL(0.4), 1000);
+                what.integrator = integrators[i];
+                what.iterated = iterated;
+                what.moving = how % 2 && iterated;
+                what.constrained = i == 1;
+                s = scene_make(&what, NULL);
+                whole = scene_make(&what, NULL);
+                for (int step = 0; step < 4; step++) {
+                    sb_step_info info;
+                    int undos = s.devices[1]->undos;
+                    scene_move(&s, &what, step);
+                    scene_move(&whole, &what, step);
+                    for (int k = 0; k < s.devices[0]->guest.unknown_count; k++) /* a guess */
+                        s.devices[0]->unknown[k] = whole.devices[0]->unknown[k] = 1e-7 * k;
+                    if (step % 2 == 1) {
+                        before = scene_bits(&s);
+                        scene_break(&s, how, 1);
+                        CHECK_RESULT(scene_step(&s, 0.01, &info), results[how]);
+                        CHECK_INT(info.error.result, results[how]);
+                        scene_break(&s, how, 0);
+                        CHECK(scene_bits(&s) == before);
+                        CHECK(s.devices[1]->undos > undos);
+                        CHECK_INT(s.devices[1]->commits, step);
+                    }
+                    CHECK_OK(scene_step(&s, 0.01, NULL));
+                    CHECK_OK(scene_step(&whole, 0.01, NULL));
+                    CHECK(scene_bits(&s) == scene_bits(&whole));
+                }
+                scene_free(&s);
+                scene_free(&whole);
+            }
+}
+
+/* Guests that ask for nothing leave the bits of the body alone; so do calls with none. */
+static void test_no_guests(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int iterated = 0; iterated < 2; iterated++) {
+            scene_def what = usual();
+            scene s, bare;
+            what.integrator = integrators[i];
+            what.iterated = iterated;
+            s = scene_make(&what, NULL);
+            bare = scene_make(&what, NULL);
+            CHECK_OK(scene_step(&s, 0.01, NULL));
+            sb_body_reset(s.body);
+            for (int step = 0; step < 3; step++) {
+                CHECK_OK(sbi_body_step_with(s.body, REAL(0.01), NULL, 0, NULL));
+                CHECK_OK(sb_body_step(bare.body, REAL(0.01), NULL));
+                CHECK(memcmp(s.body->displacement, bare.body->displacement,
+                             sizeof(sb_vec3) * (size_t)s.mesh.node_count) == 0);
+            }
+            scene_free(&s);
+            scene_free(&bare);
+        }
+}
+
+/* The acceleration that a body at rest starts from has the guests' forces in it. */
+static void test_start(void)
+{
+    for (int i = 1; i < 3; i++)
+        for (int constrained = 0; constrained < 2; constrained++) {
+            scene_def what = usual();
+            const device *d;
+            scene s;
+            what.integrator = integrators[i];
+            what.constrained = constrained;
+            s = scene_make(&what, NULL);
+            d = s.devices[2];
+            CHECK_OK(sbi_body_step_with(s.body, REAL(0.01), s.list + 2, 1, NULL));
+            CHECK_NEAR(d->seen, d->force[0] / (double)s.body->lumped_mass[d->nodes[0]], 1e-3 * d->seen);
+            CHECK_INT(d->undos, 1);
+            CHECK_OK(sbi_body_step_with(s.body, REAL(0.01), s.list + 2, 1, NULL));
+            CHECK_INT(d->undos, 1);
+            scene_free(&s);
+        }
+}
+
+/* ---- memory and arguments ---- */
+
+static void test_memory(void)
+{
+    for (int constrained = 0; constrained < 2; constrained++) {
+        scene_memory memory;
+        sb_allocator allocator = scene_allocator(&memory);
+        scene_def what = usual();
+        sb_step_info info;
+        unsigned long long before;
+        scene s;
+        int calls;
+        memset(&memory, 0, sizeof memory);
+        what.constrained = constrained;
+        what.iterated = 1;
+        s = scene_make(&what, &allocator);
+        CHECK_OK(sbi_body_step_with(s.body, REAL(0.01), s.list, 1, &info));
+        before = scene_bits(&s);
+        memory.fail_at = memory.calls + 1;
+        CHECK_RESULT(scene_step(&s, 0.01, &info), SB_ERROR_MEMORY);
+        CHECK_INT(info.error.result, SB_ERROR_MEMORY);
+        CHECK(scene_bits(&s) == before);
+        calls = memory.calls;
+        CHECK_OK(scene_step(&s, 0.01, &info));
+        CHECK_INT(memory.calls, calls + 1);
+        CHECK_OK(sbi_body_step_with(s.body, REAL(0.01), s.list + 1, 2, &info));
+        CHECK_OK(scene_step(&s, 0.01, &info));
+        CHECK_OK(sb_body_step(s.body, REAL(0.01), &info));
+        CHECK_INT(memory.calls, calls + 1);
+        scene_free(&s);
+        CHECK_INT(memory.live, 0);
+    }
+}
+
+static void test_refused(void)
+{
+    scene_def what = usual();
+    sb_step_info info;
+    unsigned long long before;
+    scene s;
+    int node;
+    what.constrained = 1;
+    s = scene_make(&what, NULL);
+    CHECK_OK(scene_step(&s, 0.01, NULL));
+    before = scene_bits(&s);
+    node = s.devices[3]->nodes[0];
+    s.devices[3]->nodes[0] = s.constraint[0];
+    CHECK_RESULT(scene_step(&s, 0.01, &info), SB_ERROR_UNSUPPORTED);
+    CHECK_INT(info.error.node, s.constraint[0]);
+    s.devices[3]->nodes[0] = s.mesh.node_count;
+    CHECK_RESULT(scene_step(&s, 0.01, &info), SB_ERROR_INDEX);
+    CHECK_INT(info.error.node, s.mesh.node_count);
+    s.devices[3]->nodes[0] = node;
+    CHECK_RESULT(sbi_body_step_with(s.body, REAL(0.01), s.list, -1, &info), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sbi_body_step_with(s.body, REAL(0.01), NULL, 1, &info), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sbi_body_step_with(s.body, 0, s.list, DEVICES, &info), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sbi_body_step_with(NULL, REAL(0.01), s.list, DEVICES, &info), SB_ERROR_ARGUMENT);
+    CHECK(scene_bits(&s) == before);
+    CHECK_INT(s.devices[0]->undos, 0);
+    CHECK_OK(scene_step(&s, 0.01, NULL));
+    scene_free(&s);
+    what = usual();
+    s = scene_make(&what, NULL);
+    s.body->integrator = SB_CENTRAL_DIFFERENCE;
+    CHECK_RESULT(scene_step(&s, 0.01, &info), SB_ERROR_UNSUPPORTED);
+    s.body->integrator = SB_EULER;
+    scene_free(&s);
+}
+
+CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements}, {"parts", test_parts}, {"changes", test_changes},
+            {"preconditioners", test_preconditioners}, {"line search", test_line_search}, {"share", test_share},
+            {"threads", test_threads}, {"undo", test_undo}, {"no guests", test_no_guests}, {"start", test_start}, {"memory", test_memory},
+            {"refused", test_refused});

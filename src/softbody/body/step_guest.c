@@ -60,6 +60,7 @@ static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix
     told.acceleration0 = b->acceleration0;
     told.present = b->displacement;
     told.iteration = step->iteration;
+    told.starts = step->starts;
     told.dt = (double)step->dt;
     told.velocity_factor = (double)step->cv;
     told.acceleration_factor = (double)step->ca;

@@ -20,8 +20,8 @@
  * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
  * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
  * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
- * Newmark and generalised alpha start from an acceleration without guests' forces where it is not known (a body's first
- * step, or the first after displacements were set, constraints changed, a static solve). */
+ * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
+ * displacements were set, constraints changed, a static solve), guests take part in finding it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
@@ -40,6 +40,7 @@ typedef struct sbi_step {
     sb_tangent_kind kind;     /* of the tangent in A */
     sbi_guests guests;        /* solved together with the body */
     int guests_begun;         /* those of them that have begun */
+    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
     sb_real dt;               /* s */

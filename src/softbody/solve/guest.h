@@ -48,6 +48,8 @@ typedef struct sbi_guest_step {
     const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
     const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
     int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
     double dt;                   /* s; 0: static */
     double velocity_factor;      /* 1/s */
     double acceleration_factor;  /* 1/s^2 */

@@ -937,12 +937,16 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
+    size_t bytes;
     sb_result result;
     if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
     sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
-    if (arena.overflow || arena.used > workspace->guest_bytes)
-        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    bytes = arena.used;
+    if (arena.overflow || bytes > workspace->guest_bytes) {
+        arena.overflow |= !sbi_size_add(&bytes, bytes / 2, 1); /* room for guests that grow by and by */
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, bytes, 1);
+    }
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
     /* the marks lie in the same place whatever the guests are */
@@ -955,7 +959,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     if (memory != workspace->guests) {
         sbi_free(&workspace->allocator, workspace->guests);
         workspace->guests = memory;
-        workspace->guest_bytes = arena.used;
+        workspace->guest_bytes = bytes;
     }
     arena.base = memory;
     arena.used = 0;
