@@ -1105,7 +1105,7 @@ NDL_API ndl_needle_def ndl_default_needle_def(void);
 
 /* A needle at rest, at its body from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
- * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+ * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
@@ -1153,8 +1153,7 @@ typedef struct ndl_step_info {
  * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
  * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said), a needle is at a node that constraints eliminate, or the body's steps are explicit; SB_ERROR_DIVERGED (node
- * named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ * are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
  *
  * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its tolerance:
  * one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are stepped by
@@ -12322,6 +12321,8 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
     if (!def->body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles need implicit steps: the body's integrator is explicit");
     if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
         !sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");

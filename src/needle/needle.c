@@ -192,6 +192,8 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
     if (!def->body)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles need implicit steps: the body's integrator is explicit");
     if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
         !sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");
