@@ -954,6 +954,7 @@ static void test_steps_take_no_memory(void)
         }
         CHECK(quiet > 10);
         CHECK(memory.live <= live + 4);
+        needle_scene_run(&s, dt, 40, needle_command(-4 * speed, 0));
         CHECK(needle_scene_is_original(&s));
     }
     needle_scene_free(&s);
