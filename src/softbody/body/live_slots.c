@@ -112,6 +112,7 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
     sbi_live *live;
+    sb_result result;
     body->node_capacity = nodes;
     if (def->slack == 0)
         return SB_OK;
@@ -136,7 +137,22 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
     live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
-    return sbi_live_take_cells(body, error);
+    result = sbi_live_take_marks(body, error);
+    return result == SB_OK ? sbi_live_take_cells(body, error) : result;
+}
+
+SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
+{
+    sbi_live *live = body->live;
+    const sb_allocator *allocator = &body->allocator;
+    size_t nodes = (size_t)live->nodes.capacity, cells = (size_t)live->cells.capacity;
+    live->node_marks = (int *)sbi_alloc_zeroed(allocator, nodes, sizeof(int));
+    live->cell_marks = (unsigned char *)sbi_alloc_zeroed(allocator, cells, 1);
+    if (live->follows)
+        live->masses = (sb_real *)sbi_alloc_zeroed(allocator, cells, 8 * sizeof(sb_real));
+    return live->node_marks && live->cell_marks && (live->masses || !live->follows)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)

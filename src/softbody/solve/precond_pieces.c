@@ -234,8 +234,8 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     sbi_piece_line_up(m, begin, end, count);
 }
 
-SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
-                                    const sb_allocator *allocator, int *nodes, int *piece_of)
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
+                                    sb_vec3 *centres, int *nodes, int *piece_of)
 {
     size_t rows = (size_t)a->row_count;
     sbi_piece_maker m;
@@ -244,20 +244,16 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.positions = positions;
     m.nodes = nodes;
     m.piece_of = piece_of;
-    m.fragment_of = (int *)sbi_alloc(allocator, 6 * rows + 1, sizeof(int));
-    m.centres = (sb_vec3 *)sbi_alloc(allocator, rows, sizeof(sb_vec3));
-    if (m.fragment_of && m.centres) {
-        m.list = m.fragment_of + rows;
-        m.sizes = m.list + rows;
-        m.roots = m.sizes + rows;
-        m.touching = m.roots + rows;
-        m.start = m.touching + rows;
-        memset(m.touching, 0, rows * sizeof(int));
-        memcpy(nodes, a->part_rows, rows * sizeof(int));
-        for (int c = 0; c < a->part_count; c++)
-            sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
-    }
-    sbi_free(allocator, m.fragment_of);
-    sbi_free(allocator, m.centres);
+    m.fragment_of = scratch;
+    m.list = m.fragment_of + rows;
+    m.sizes = m.list + rows;
+    m.roots = m.sizes + rows;
+    m.touching = m.roots + rows;
+    m.start = m.touching + rows;
+    m.centres = centres;
+    memset(m.touching, 0, rows * sizeof(int));
+    memcpy(nodes, a->part_rows, rows * sizeof(int));
+    for (int c = 0; c < a->part_count; c++)
+        sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
     return m.piece_count;
 }
