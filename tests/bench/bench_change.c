@@ -238,12 +238,6 @@ static sb_body_change *join_all(sb_body *body, const splits *s)
     return change;
 }
 
-static double median(double *samples, int count)
-{
-    qsort(samples, (size_t)count, sizeof *samples, ascending);
-    return samples[count / 2];
-}
-
 /* Commits there and back, the calls before them, and the first step after a change against the second. */
 static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
 {
