@@ -4748,7 +4748,8 @@ SB_API const char *sb_check_string(unsigned warning);
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A
+ *   supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
@@ -4757,6 +4758,15 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
  * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
  *   (SB_ERROR_STATE), and they are made anew.
+ *
+ * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
+ * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
+ * the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again; both depend
+ * on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh. Everything is
+ * made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
+ * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
+ * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
  * as much again, and they have to be asked for anew. */
@@ -36105,6 +36115,7 @@ SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, c
     p->lower_count = (p->block_count - p->row_count) / 2;
     p->pattern_version = sbi_matrix_version(matrix);
     p->rest = rest;
+    p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
     p->ready = p->turned = 0;
     p->coarse.ready = 0;
     p->stale = 1;
@@ -36116,7 +36127,6 @@ SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
     if (!p->stale)
         return;
     p->stale = 0;
-    p->pattern_hash = sbi_precond_hash_pattern(matrix);
     if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)
@@ -36436,24 +36446,22 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. in_row [row_count] is
- * scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t *pair_start,
-                                     int *pairs)
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
     for (int k = 0; k < p->row_count; k++) {
         for (int e = p->start[k]; e < p->start[k + 1]; e++) {
             int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
+            if (room)
+                p->pair_start[e] = total;
             /* columns are in order, so in_row[] holds the m before j of this row when (i, j) is met */
             for (int b = p->start[place[j]]; b < p->start[place[j] + 1]; b++) {
                 if (in_row[p->columns[b]] < 0)
                     continue;
-                if (pairs) {
-                    pairs[2 * total] = in_row[p->columns[b]];
-                    pairs[2 * total + 1] = b;
+                if (total < room) {
+                    p->pairs[2 * total] = in_row[p->columns[b]];
+                    p->pairs[2 * total + 1] = b;
                 }
                 total++;
             }
@@ -36462,8 +36470,8 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
         for (int e = p->start[k]; e < p->start[k + 1]; e++)
             in_row[p->columns[e]] = -1;
     }
-    if (pairs)
-        pair_start[p->lower_count] = total;
+    if (room)
+        p->pair_start[p->lower_count] = total;
     return total;
 }
 
@@ -36471,7 +36479,7 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
 static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t total)
 {
     size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
-    p->pair_room = p->row_room ? total + total / 2 : total;
+    p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
     p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
     p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
     p->row = sbi_precond_take_floats(p, 2 * longest, 12);
@@ -36488,18 +36496,14 @@ static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t tot
 /* Lists the pairs; may_take: their memory is still to be had. 0: there is none. */
 static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row, size_t lower, int may_take)
 {
-    size_t total;
     p->longest = 0;
     for (int k = 0; k < p->row_count; k++) {
         in_row[k] = -1;
         p->longest = sbi_max_int(p->longest, p->start[k + 1] - p->start[k]);
     }
-    total = sbi_precond_list_pairs(p, place, in_row, NULL, NULL);
-    if (may_take && !sbi_precond_take_pairs(p, lower, total))
+    if (may_take && !sbi_precond_take_pairs(p, lower, sbi_precond_list_pairs(p, place, in_row, 0)))
         return 0;
-    p->unlisted = total > p->pair_room;
-    if (!p->unlisted)
-        sbi_precond_list_pairs(p, place, in_row, p->pair_start, p->pairs);
+    p->unlisted = sbi_precond_list_pairs(p, place, in_row, p->pair_room) > p->pair_room;
     if (p->row_room) {
         memcpy(p->place, place, (size_t)p->row_count * sizeof(int));
         for (int k = 0; k < 2 * p->row_room; k++)
@@ -36844,6 +36848,35 @@ static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *node
     }
 }
 
+/* Brings the first `rank` nodes along an axis before the others (Hoare 1961): what sorting does, in linear time. */
+static void sbi_precond_select(const sb_vec3 *positions, int axis, int *nodes, int count, int rank)
+{
+    int low = 0, high = count - 1;
+    for (int round = 0; low < high; round++) {
+        int pivot = nodes[low + (high - low) / 2], i = low, j = high;
+        if (round == 64) { /* an order that defeats the choice of pivots */
+            sbi_precond_sort_nodes(positions, axis, nodes + low, high - low + 1);
+            return;
+        }
+        while (i <= j) {
+            int node;
+            while (sbi_precond_before(positions, axis, nodes[i], pivot))
+                i++;
+            while (sbi_precond_before(positions, axis, pivot, nodes[j]))
+                j--;
+            if (i > j)
+                break;
+            node = nodes[i];
+            nodes[i++] = nodes[j];
+            nodes[j--] = node;
+        }
+        if (rank > j && rank < i)
+            return;
+        high = rank <= j ? j : high;
+        low = rank >= i ? i : low;
+    }
+}
+
 static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
 {
     sb_real extent[3];
@@ -36876,21 +36909,23 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of
- * the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
+ * the side that was cut last (axis; -1: none was); returns the number of the next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
     int *nodes = m->nodes + begin;
     if (pieces == 1) {
+        if (axis >= 0)
+            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
-    sbi_precond_sort_nodes(m->positions, sbi_precond_longest_axis(m->positions, nodes, end - begin), nodes,
-                           end - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece);
+    axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
+    sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
+    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -37024,7 +37059,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0);
+    sbi_piece_cut(m, begin, end, share, 0, -1);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -46677,6 +46712,8 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    if (body->live && (double)needed * (1 + body->live->slack) < (double)most / 2) /* changes split what is supported */
+        needed += (int)((double)needed * body->live->slack);
     return sbi_body_reserve_support_blocks(body, needed);
 }
 
@@ -47902,11 +47939,11 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
-    result = sbi_live_prepare(body, error);
-    if (result == SB_OK && def->fibres)
-        result = sb_body_set_fibres(body, def->fibres, error);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
     if (result != SB_OK)
         return result;
     sbi_body_materials_changed(body);
@@ -49541,7 +49578,7 @@ static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_erro
     if (*result == SB_OK)
         *result = sbi_assembly_reserve(&body->assembly, &body->matrix, work->out, error);
     supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
-    if (*result == SB_OK && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
+    if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
         *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
     return 1;
 }
@@ -51330,6 +51367,13 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sbi_assembly_reserve_memory(&next->assembly, body->assembly.terms, &next->allocator, error);
     if (result == SB_OK && body->damping_blocks)
         result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
+    if (result != SB_OK)
+        return result;
+    if (body->live->follows)
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity), error);
+    if (result == SB_OK && body->live->follows)
+        result = sbi_assembly_reserve_parents(&next->assembly,
+                                              sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
     if (result != SB_OK)
         return result;
     next->assembly.fibres = next->fibres;

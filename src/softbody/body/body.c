@@ -320,11 +320,11 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     body->pcg.row_count = body->domain.node_count;
     memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
     sbi_body_label_nodes(body);
-    result = sbi_live_prepare(body, error);
-    if (result == SB_OK && def->fibres)
-        result = sb_body_set_fibres(body, def->fibres, error);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
     if (result != SB_OK)
         return result;
     sbi_body_materials_changed(body);

@@ -234,6 +234,13 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
     if (result != SB_OK)
         return result;
+    if (body->live->follows)
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
+    if (result == SB_OK && body->live->follows)
+        result = sbi_assembly_reserve_parents(&next->assembly,
+                                              sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);

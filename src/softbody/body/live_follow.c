@@ -215,7 +215,7 @@ static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_erro
     if (*result == SB_OK)
         *result = sbi_assembly_reserve(&body->assembly, &body->matrix, work->out, error);
     supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
-    if (*result == SB_OK && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
+    if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
         *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
     return 1;
 }

@@ -593,6 +593,7 @@ SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, c
     p->lower_count = (p->block_count - p->row_count) / 2;
     p->pattern_version = sbi_matrix_version(matrix);
     p->rest = rest;
+    p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
     p->ready = p->turned = 0;
     p->coarse.ready = 0;
     p->stale = 1;
@@ -604,7 +605,6 @@ SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
     if (!p->stale)
         return;
     p->stale = 0;
-    p->pattern_hash = sbi_precond_hash_pattern(matrix);
     if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
         sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
     if (p->coarse.piece_room)

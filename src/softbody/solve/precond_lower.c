@@ -71,24 +71,22 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. in_row [row_count] is
- * scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t *pair_start,
-                                     int *pairs)
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
     for (int k = 0; k < p->row_count; k++) {
         for (int e = p->start[k]; e < p->start[k + 1]; e++) {
             int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
+            if (room)
+                p->pair_start[e] = total;
             /* columns are in order, so in_row[] holds the m before j of this row when (i, j) is met */
             for (int b = p->start[place[j]]; b < p->start[place[j] + 1]; b++) {
                 if (in_row[p->columns[b]] < 0)
                     continue;
-                if (pairs) {
-                    pairs[2 * total] = in_row[p->columns[b]];
-                    pairs[2 * total + 1] = b;
+                if (total < room) {
+                    p->pairs[2 * total] = in_row[p->columns[b]];
+                    p->pairs[2 * total + 1] = b;
                 }
                 total++;
             }
@@ -97,8 +95,8 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
         for (int e = p->start[k]; e < p->start[k + 1]; e++)
             in_row[p->columns[e]] = -1;
     }
-    if (pairs)
-        pair_start[p->lower_count] = total;
+    if (room)
+        p->pair_start[p->lower_count] = total;
     return total;
 }
 
@@ -106,7 +104,7 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
 static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t total)
 {
     size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
-    p->pair_room = p->row_room ? total + total / 2 : total;
+    p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
     p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
     p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
     p->row = sbi_precond_take_floats(p, 2 * longest, 12);
@@ -123,18 +121,14 @@ static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t tot
 /* Lists the pairs; may_take: their memory is still to be had. 0: there is none. */
 static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row, size_t lower, int may_take)
 {
-    size_t total;
     p->longest = 0;
     for (int k = 0; k < p->row_count; k++) {
         in_row[k] = -1;
         p->longest = sbi_max_int(p->longest, p->start[k + 1] - p->start[k]);
     }
-    total = sbi_precond_list_pairs(p, place, in_row, NULL, NULL);
-    if (may_take && !sbi_precond_take_pairs(p, lower, total))
+    if (may_take && !sbi_precond_take_pairs(p, lower, sbi_precond_list_pairs(p, place, in_row, 0)))
         return 0;
-    p->unlisted = total > p->pair_room;
-    if (!p->unlisted)
-        sbi_precond_list_pairs(p, place, in_row, p->pair_start, p->pairs);
+    p->unlisted = sbi_precond_list_pairs(p, place, in_row, p->pair_room) > p->pair_room;
     if (p->row_room) {
         memcpy(p->place, place, (size_t)p->row_count * sizeof(int));
         for (int k = 0; k < 2 * p->row_room; k++)
