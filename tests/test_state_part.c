@@ -372,6 +372,47 @@ static void test_counts(void)
     sb_mesh_free(&mesh);
 }
 
+/* A snapshot brings the body back whatever was done to it, and leaves alone what others keep. */
+static void test_snapshots(void)
+{
+    for (int live = 0; live < 2; live++) {
+        sb_mesh mesh = bar();
+        tally first;
+        sb_body *body = scene(&mesh, live * 0.3, &first, NULL);
+        int last = mesh.node_count - 1, load = 0, face[3];
+        sb_boundary boundary;
+        size_t size;
+        void *kept;
+        uint64_t hash;
+        for (int round = 0; round < 3; round++) {
+            int count;
+            CHECK_OK(tally_step(&first, last, REAL(0.01)));
+            size = sbi_body_snapshot_size(body);
+            kept = malloc(size);
+            sbi_body_snapshot(body, kept);
+            hash = sb_body_state_hash(body);
+            count = first.count;
+            CHECK_OK(sb_body_step(body, REAL(0.02), NULL));
+            if (round == 1 && CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &boundary, NULL))) {
+                for (int k = 0; k < 3; k++)
+                    face[k] = boundary.nodes[boundary.surface.elements[k]];
+                CHECK_OK(sb_body_add_pressure(body, face, 1, 3, 10, &load, NULL));
+                sb_boundary_free(&boundary);
+            }
+            if (round == 2 && live)
+                scene_remove_cells(body);
+            CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
+            CHECK(sb_body_state_hash(body) != hash);
+            CHECK_OK(sbi_body_rewind(body, kept, size, NULL));
+            CHECK(sb_body_state_hash(body) == hash);
+            CHECK_INT(first.count, count);
+            free(kept);
+        }
+        sb_body_destroy(body);
+        sb_mesh_free(&mesh);
+    }
+}
+
 CHECK_SUITE(state_part, {"there and back", test_round_trip}, {"refusals", test_refusals},
             {"changed images", test_mutations}, {"recordings", test_recording},
-            {"a count of nodes that changes", test_counts});
+            {"a count of nodes that changes", test_counts}, {"snapshots", test_snapshots});

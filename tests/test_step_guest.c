@@ -329,6 +329,19 @@ static device *brake_create(int node, double limit)
     return d;
 }
 
+/* Two masses on springs to the ground and between each other, beside the body. */
+static device *lone_create(void)
+{
+    device *d = device_create(6, 0, NULL, 0);
+    device_link(d, d->k, 0, 3, 500);
+    for (int k = 0; k < 6; k++) {
+        d->k[k * (d->width + 1)] += k < 3 ? 2e4 : 3;
+        d->m[k * (d->width + 1)] = 0.01;
+        d->force[k] = 0.03 * (k - 2);
+    }
+    return d;
+}
+
 /* ---- scenes ---------------------------------------------------------------------------------------------- */
 
 typedef struct scene_def {
@@ -339,11 +352,13 @@ typedef struct scene_def {
     int iterated;
     sb_precond_kind precond;
     int moving, constrained, consistent;
+    double slack;
+    int parts;            /* 1: a second box beside the first, which nothing holds but guests */
     int workers;
     double load;          /* factor of the forces on the body */
 } scene_def;
 
-enum { DEVICES = 4 };
+enum { DEVICES = 5 };
 
 typedef struct scene {
     sb_mesh mesh;
@@ -389,6 +404,7 @@ static sb_body *scene_make_body(scene *s, const scene_def *what, const sb_alloca
     def.tolerance = REAL(scene_tolerance(1e-10, 30));
     def.newton_tolerance = REAL(1e-9);
     def.max_iterations = 5000;
+    def.slack = REAL(what->slack);
     def.jobs = scene_jobs(s->workers);
     if (allocator)
         def.allocator = *allocator;
@@ -407,6 +423,16 @@ static sb_body *scene_make_body(scene *s, const scene_def *what, const sb_alloca
     return body;
 }
 
+/* A smaller copy at some distance. */
+static void scene_add_box(sb_mesh *mesh)
+{
+    sb_mesh second = scene_box(mesh->element_type, 2, 2, 1, sb_v3(REAL(0.02), REAL(0.02), REAL(0.01)), 0.1);
+    for (int i = 0; i < second.node_count; i++)
+        second.nodes[i] = sb_v3_add(second.nodes[i], sb_v3(REAL(box[0] + 0.02), 0, 0));
+    CHECK_OK(sb_mesh_append(mesh, &second, NULL));
+    sb_mesh_free(&second);
+}
+
 static scene scene_make(const scene_def *what, const sb_allocator *allocator)
 {
     scene s;
@@ -415,6 +441,8 @@ static scene scene_make(const scene_def *what, const sb_allocator *allocator)
     s.workers = (int *)malloc(sizeof(int));
     *s.workers = what->workers ? what->workers : 1;
     s.mesh = scene_box(what->type, 3, 2, 2, sb_v3(REAL(box[0]), REAL(box[1]), REAL(box[2])), 0.2);
+    if (what->parts)
+        scene_add_box(&s.mesh);
     if (what->fibres) {
         s.fibres = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)s.mesh.element_count);
         for (int e = 0; e < s.mesh.element_count; e++)
@@ -430,6 +458,13 @@ static scene scene_make(const scene_def *what, const sb_allocator *allocator)
     s.devices[0] = chain_create(scene_corner(&s.mesh, box[0], box[1], box[2]), scene_corner(&s.mesh, 0, box[1], box[2]));
     s.devices[1] = beam_create(3, line);
     s.devices[2] = force_create(scene_corner(&s.mesh, box[0] * 2 / 3, 0, 0), scene_corner(&s.mesh, 0, 0, 0));
+    if (what->parts) { /* the chain joins both parts, the forces are on the second one alone */
+        int far = scene_corner(&s.mesh, box[0] + 0.04, 0.02, 0.01), close = scene_corner(&s.mesh, box[0] + 0.02, 0, 0);
+        s.devices[0]->nodes[1] = close;
+        s.devices[2]->nodes[0] = far;
+        s.devices[2]->nodes[1] = close;
+    }
+    s.devices[4] = lone_create();
     s.devices[3] = brake_create(scene_corner(&s.mesh, box[0], box[1] / 2, 0), what->moving ? 0.005 : 1e3);
     for (int k = 0; k < DEVICES; k++)
         s.list[k] = &s.devices[k]->guest;
@@ -767,6 +802,88 @@ static void test_elements(void)
             what.integrator = integrators[(t + iterated) % 3];
             what.moving = 1;
             check_scene(&what, 2, 0.02);
+        }
+}
+
+/* Two parts that only a guest joins: each part, and a guest that lies in none, to its own tolerance. */
+static void test_parts(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int form = 0; form < 4; form++) {
+            scene_def what = usual();
+            what.parts = 1;
+            what.integrator = integrators[i];
+            what.iterated = form % 2;
+            what.moving = form / 2;
+            what.constrained = form == 1;
+            what.material = form == 3 ? sb_material_neo_hookean(REAL(8e3), REAL(0.4), 1000) : what.material;
+            what.precond = i == 1 ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+            check_scene(&what, 3, 0.01);
+        }
+}
+
+/* Splits the edge between the first two nodes of a cell by its middle. */
+static void split_edge(sb_body *body, int cell)
+{
+    sb_body_change *change = NULL;
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    const sb_real halves[2] = {REAL(0.5), REAL(0.5)};
+    int ends[2], middle, cells = sb_body_element_count(body);
+    sb_error error;
+    memcpy(ends, sb_body_cell_nodes(body, cell), sizeof ends);
+    CHECK_OK(sb_body_change_begin(body, &change, &error));
+    CHECK_OK(sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[ends[0]], X[ends[1]])), ends, halves, 2, 0,
+                                     &middle, &error));
+    for (int e = 0; e < cells; e++) {
+        int at[2] = {-1, -1}, nodes[4];
+        memcpy(nodes, sb_body_cell_nodes(body, e), sizeof nodes);
+        for (int k = 0; k < 8; k++)
+            at[k % 2] = nodes[k / 2] == ends[k % 2] ? k / 2 : at[k % 2];
+        for (int side = 0; side < 2 && at[0] >= 0 && at[1] >= 0; side++) {
+            sb_change_cell made = sb_default_change_cell();
+            int half[4];
+            memcpy(half, nodes, sizeof half);
+            half[at[side]] = middle;
+            made.nodes = half;
+            made.parent = e;
+            CHECK_OK(side == 0 ? sb_body_change_replace_cell(change, e, &made, &error)
+                               : sb_body_change_add_cell(change, &made, NULL, &error));
+        }
+    }
+    if (!CHECK_OK(sb_body_change_commit(change, &error)))
+        sb_body_change_cancel(change);
+}
+
+/* Guests go on when the mesh has changed about their nodes. */
+static void test_changes(void)
+{
+    for (int i = 0; i < 3; i++)
+        for (int iterated = 0; iterated < 2; iterated++) {
+            scene_def what = usual();
+            size_t bytes;
+            void *before;
+            scene s;
+            what.slack = 0.2;
+            what.integrator = integrators[i];
+            what.iterated = iterated;
+            what.constrained = i == 2;
+            what.precond = iterated ? SB_PRECOND_IC0 : SB_PRECOND_BLOCK_JACOBI;
+            s = scene_make(&what, NULL);
+            for (int step = 0; step < 4; step++) {
+                reference r;
+                if (step > 0)
+                    split_edge(s.body, 7 * step);
+                s.mesh.node_count = sb_body_node_count(s.body);
+                bytes = sb_body_state_size(s.body);
+                before = malloc(bytes);
+                CHECK_OK(sb_body_state_save(s.body, before, bytes));
+                CHECK_OK(scene_step(&s, 0.01, NULL));
+                check_momentum(&s, scene_tolerance(iterated ? 1e-7 : 1e-8, 3e4));
+                r = reference_solve(&s, &what, before, bytes, what.constrained);
+                reference_compare(&s, &r, SB_REAL_IS_FLOAT ? 2e-2 : 1e-6);
+                free(before);
+            }
+            scene_free(&s);
         }
 }
 
@@ -1142,7 +1259,7 @@ static void test_refused(void)
     scene_free(&s);
 }
 
-CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements},
+CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements}, {"parts", test_parts}, {"changes", test_changes},
             {"preconditioners", test_preconditioners}, {"line search", test_line_search}, {"share", test_share},
             {"threads", test_threads}, {"undo", test_undo}, {"no guests", test_no_guests}, {"start", test_start}, {"memory", test_memory},
             {"refused", test_refused});

@@ -54,6 +54,13 @@ SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints
 SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
                                      size_t int_count, const sb_real *reals, size_t real_count);
 
+/* ---- undo ----
+ * What a saved state holds, for this body alone: cheap, neither checked nor recorded, and without others' parts. */
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body);
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer); /* [sbi_body_snapshot_size] */
+/* Back to it. Allocates (SB_ERROR_MEMORY, nothing changes) only where mesh, loads or constraints have changed since. */
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error);
+
 /* ---- for state.c and record.c ---- */
 
 typedef struct sbi_state_parts {
