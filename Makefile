@@ -2,14 +2,15 @@
 #
 #   make            the examples                     make bench      benchmarks, one core and all cores, then the race
 #   make demo       build and run examples/demo.c    make headers    writes the products from src/
-#   make test       the tests in double, some 3 minutes on two cores
-#   make check      all that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
+#   make test       the tests in double without the slowest, some 3 minutes on two cores
+#   make check      all tests, and all else that CI runs, see tests/check.sh; CHECK_ALL=1 adds what takes as long again
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
 #   make test-traps                                  the tests where an invalid operation or a division by 0 is a signal
 #   make test-tsan                                   the tests of threads under the thread sanitizer
-#   make test-stack                                  the tests with 128 kB of stack each
+#   make test-stack                                  all tests in double, with 128 kB of stack each
+#   make test-programs                               examples, README, fuzz corpus
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
 #   make dev        the tests of FILTER="..." with each source an object of its own: a change compiles little
@@ -49,7 +50,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-traps test-tsan test-stack verification sanitize cross bench race \
+.PHONY: tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-traps test-tsan test-stack verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -94,6 +95,12 @@ examples: $(EXAMPLES:examples/%.c=build/%)
 build/%: examples/%.c $(HEADERS) $(wildcard examples/*.h) build/flags $(LIBRARY)
 	$(call PROGRAM,$(EXAMPLE_CFLAGS) -I.)
 
+# What tests run of them: linked with the implementation that the tests have.
+PROGRAMS = $(EXAMPLES:examples/%.c=build/programs/%)
+build/programs/%: examples/%.c $(wildcard examples/*.h) build/double/implementation.o
+	@mkdir -p $(@D)
+	$(WITHOUT_IMPLEMENTATION) $< | $(CC) $(OTHER_CFLAGS) -I. -I$(<D) -x c - -x none build/double/implementation.o -lm -o $@
+
 demo: build/demo
 	build/demo
 
@@ -135,7 +142,7 @@ build/$(1)/tests$(5): $$(patsubst tests/%.c,build/$(1)/%.o,$(or $(6),$(TESTS)) t
 	$(2) $$^ -lm $(4) -o $$@
 endef
 
-UNIT_CFLAGS = # of tests and parts that are compiled beside the whole implementation: -O0 there compiles in a fraction of the time
+UNIT_CFLAGS = -O0 # of tests and parts that are compiled beside the whole implementation: that takes a fraction of the time
 SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
@@ -177,11 +184,21 @@ SNIPPET_CFLAGS = -O0
 SNIPPETS = CC='$(CC)' CFLAGS='$(SNIPPET_CFLAGS)' tests/snippets.sh build/snippets build/double/implementation.o $(HEADERS) README.md
 TOOL_TEST = tests/amalgamate.sh build/amalgamate build/amalgamate_test
 
-PROGRAM_TESTS = "tests/case.sh build/case_solve build/case_test" "tests/examples.sh build build/examples_test"
+PROGRAM_TESTS = "$(TOOL_TEST)" "$(SNIPPETS)" "tests/case.sh build/programs/case_solve build/case_test" \
+	"tests/examples.sh build/programs build/examples_test" $(CORPUS_TESTS)
+tested: build/double/tests build/amalgamate build/fuzz/plain $(PROGRAMS)
 
-test: build/double/tests $(if $(FILTER),,build/amalgamate examples build/fuzz/plain)
-	tests/total.sh "build/double/tests $(FILTER)" $(if $(FILTER),,"$(TOOL_TEST)" "$(SNIPPETS)" $(PROGRAM_TESTS) \
-	    $(CORPUS_TESTS))
+# What a user waits for: built and run on all cores, long loops cut short, the slowest tests left to make check.
+ifeq ($(FILTER),)
+test:
+	@$(MAKE) --no-print-directory -j$$(nproc) tested
+	CHECK_QUICK=1 TOTAL_JOBS=$$(nproc) tests/total.sh "build/double/tests $(SLOW)" $(PROGRAM_TESTS)
+else
+test: build/double/tests
+	build/double/tests $(FILTER)
+endif
+test-programs: tested
+	tests/total.sh $(PROGRAM_TESTS)
 test-float: build/float/tests
 	build/float/tests $(FILTER)
 test-cpp: build/cpp/tests
@@ -201,10 +218,10 @@ build/stack/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
 	$(CC) $(CFLAGS) -Ibuild/double $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -DCHECK_STACK=$(STACK) -c $< -o $@
 build/stack/tests: build/stack/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -lpthread -o $@
-# Without tests whose own variables take 80 kB and more.
+# Tests whose own variables take 80 kB and more.
 LARGE = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -output/a -output/devices -picture/png
-test-stack: build/stack/tests
-	CHECK_QUICK=1 build/stack/tests $(or $(FILTER),$(SLOW) $(LARGE))
+test-stack: build/stack/tests build/double/tests
+	tests/total.sh "build/stack/tests $(or $(FILTER),$(LARGE))" $(if $(FILTER),,"build/double/tests $(LARGE:-%=%)")
 sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 

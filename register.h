@@ -2535,7 +2535,7 @@ static sb_result regi_xyz_point(regi_xyz *xyz, int *with_normals)
 static sb_result regi_xyz_read(sbi_loader *loader)
 {
     sbi_reader *reader = &loader->reader;
-    sb_result result = sbi_reader_check_text(reader);
+    sb_result result = sbi_reader_check_kind(reader);
     int with_normals = 0, is_first = 1;
     regi_xyz xyz;
     xyz.loader = loader;
@@ -2543,6 +2543,8 @@ static sb_result regi_xyz_read(sbi_loader *loader)
     xyz.declared = -1;
     xyz.declared_line = 0;
     reader->comment = '#';
+    if (!result)
+        result = sbi_reader_check_text(reader);
     for (; reader->at < reader->size && !result; sbi_reader_next_line(reader)) {
         if (regi_xyz_is_empty(reader))
             continue;
@@ -6934,7 +6936,7 @@ static sb_result regi_match_check_look(reg_match *match)
 static sb_result regi_match_solve(reg_match *match, sbi_step *step)
 {
     double begin = regi_match_now(match);
-    sb_result result = sbi_step_solve(step, NULL, 0);
+    sb_result result = sbi_step_solve(step);
     match->info.pcg_iterations = step->info->pcg_iterations;
     match->info.seconds_solve = regi_match_now(match) - begin;
     if (result != SB_OK)

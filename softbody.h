@@ -4228,6 +4228,11 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
  * there is left out of the equations.
  *
+ * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's components
+ * are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no motion. A step
+ * of several Newton iterations solves several systems, each for what is still to be added; a guest does not see that. Its
+ * rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
+ *
  * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
  *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
  *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the rod's
@@ -5844,17 +5849,31 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/solve/guest.h, internal ==== */
 
-/* The step that is solved: what a guest needs to write its rows in the step's unknown, the displacement of the nodes over
- * the step. */
+/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the start
+ * of the step, with
+ *     v = velocity_factor d + velocity0,  a = acceleration_factor d + acceleration0,
+ * which at supports is their own motion. What a guest has a mass for moves by the same rule, of its velocity v_n and
+ * acceleration a_n at the start:
+ *     velocity0 = known_velocity[0] v_n + known_velocity[1] a_n,
+ *     acceleration0 = known_acceleration[0] v_n + known_acceleration[1] a_n.
+ * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) / inertia_level. */
 typedef struct sbi_guest_step {
-    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed) */
+    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed); constraints are condensed in it */
     const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
-    const sb_vec3 *velocity;     /* [row_count] (m/s) */
-    const sb_vec3 *acceleration; /* [row_count] (m/s^2) */
+    const sb_vec3 *velocity;     /* [row_count] at the start (m/s) */
+    const sb_vec3 *acceleration; /* [row_count] at the start (m/s^2) */
+    const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
+    const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
+    int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
     double dt;                   /* s; 0: static */
-    double velocity_factor;      /* 1/s: velocity at the end = this times the increment, and known terms */
-    double acceleration_factor;  /* 1/s^2: the same of the acceleration */
-    double level;                /* share of the new forces in the equations: 1 - alpha_f of the generalised alpha method */
+    double velocity_factor;      /* 1/s */
+    double acceleration_factor;  /* 1/s^2 */
+    double known_velocity[2];     /* 1, s */
+    double known_acceleration[2]; /* 1/s, 1 */
+    double level;                /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    double inertia_level;        /* the same of inertia: 1 - alpha_m, else 1 */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
@@ -5873,14 +5892,18 @@ typedef struct sbi_guest {
     void (*precondition)(void *user, const double *r, double *z);
 
     /* optional */
-    /* After the tangent is made, before the solve: takes what it needs of the step and factors its block. What it
-     * returns as an error undoes the step. */
+    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may set
+     * `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error undoes
+     * the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
      * solve must go on. */
     int (*settle)(void *user, const double *x);
-    void (*commit)(void *user);  /* the step is done: takes over its motion */
-    void (*undo)(void *user);    /* the step has failed: as before begin */
+    /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
+    void (*commit)(void *user, const double *x);
+    /* The step has failed, or is begun anew with other factors: as before the first `begin`. Called of each guest whose
+     * `begin` was called or is missing. Its unknowns are put back already. */
+    void (*undo)(void *user);
 } sbi_guest;
 
 typedef struct sbi_guests {
@@ -5898,6 +5921,8 @@ typedef struct sbi_guest_work {
     double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
     double *search, *start;                          /* [unknown_count] */
     double *in, *out;                                /* [width] */
+    double *base;   /* [width] what a solve starts from: nodes' increments are added to it, unknowns have it in them */
+    double *first;  /* [unknown_count] as they were given to the step */
     double sums[2];       /* its share of the sums at work */
 } sbi_guest_work;
 
@@ -5907,6 +5932,7 @@ typedef struct sbi_guest_space {
     int count;
     sbi_guest_work *work; /* [count] */
     double scale;         /* mean diagonal of the matrix (N/m) */
+    int *part_of;         /* [row_count] part of each row, as the last solve had them; may be made anew after it */
     const sb_matrix *matrix;
     sb_real *rest, *spare; /* [row_count][3] */
     /* blocks of taken nodes while the preconditioner is made without them, and their masks */
@@ -5931,8 +5957,8 @@ SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
-/* r += loads - G x, and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
- * `held`. */
+/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
+ * `held` (NULL: 0, too). */
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
 /* q += G p, and takes what is theirs; sums[0] = p.Gp. */
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
@@ -5958,6 +5984,15 @@ SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
 /* x of all guests to their settle calls; 1 when one has changed its rows. */
 SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
 
+/* ---- for steps of several solves ---- */
+/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along prescribed
+ * components. Unknowns are then those of the base. */
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held);
+/* A guest's forces at the base, in out. */
+SBI_API void sbi_guest_force(sbi_guest_work *work);
+/* The guests' part of the potential from the base to the solution x: t linear + t^2 quadratic. */
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
+
 /* ==== src/softbody/solve/pcg.h, internal ==== */
 /* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
  * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
@@ -5972,6 +6007,8 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* What was reserved, for steps of several solves; NULL: nothing was. */
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
  * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
  * SB_ERROR_ARGUMENT: no space was reserved for them. */
@@ -5982,7 +6019,7 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
  * after the other, so that bits do not depend on threads. Allocates nothing.
  * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from rest, so that loads on what is stiff in itself do not count; and their rows count by
+ * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
  * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
  * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
  * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
@@ -10453,6 +10490,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
+ * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
+
 /* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
  * by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
@@ -11218,6 +11259,45 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
         reader->at += sbi_reader_newline(reader, reader->at);
         sbi_reader_count_line(reader);
     }
+}
+
+/* Whether the file begins with `start`, whatever the case of its letters. */
+static int sbi_reader_begins(const sbi_reader *reader, const char *start)
+{
+    sbi_word word;
+    word.text = reader->data;
+    word.length = strlen(start);
+    return reader->size >= word.length && sbi_word_is(word, start);
+}
+
+/* By its byte order mark. */
+static int sbi_reader_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+                                 (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
+{
+    static const struct {
+        char start[20];
+        char kind[72];
+    } kinds[] = {{"\x1F\x8B", "packed by gzip: unpack it first"},
+                 {"PK\x03\x04", "a zip archive: unpack it first"},
+                 {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
+                 {"BZh", "packed by bzip2: unpack it first"},
+                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
+                 {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
+                 {"<html", "a web page, not the file that it shows or links to"},
+                 {"\x89PNG", "a PNG picture"},
+                 {"%PDF", "a PDF document"}};
+    if (sbi_reader_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (sbi_reader_begins(reader, kinds[i].start))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "the file is %s", kinds[i].kind);
+    return SB_OK;
 }
 
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
@@ -12197,20 +12277,15 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-/* By its byte order mark. */
-static int sbi_meshio_is_utf16(const sbi_reader *reader)
-{
-    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
-           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
-            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
-}
-
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
-    if (sbi_meshio_is_utf16(reader))
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    if (!sbi_stl_is_binary(reader->data, reader->size)) {
+        sb_result result = sbi_reader_check_kind(reader);
+        if (result)
+            return result;
+    }
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)
@@ -18444,8 +18519,10 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result;
+    sb_result result = sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
+    if (result)
+        return result;
     switch (format) {
     case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);
@@ -38000,8 +38077,12 @@ SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *gu
         work.start = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
         work.in = (double *)sbi_arena_take(arena, work.width, sizeof(double));
         work.out = (double *)sbi_arena_take(arena, work.width, sizeof(double));
-        if (arena->base)
+        work.base = (double *)sbi_arena_take(arena, work.width, sizeof(double));
+        work.first = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
+        if (arena->base) {
             list[g] = work;
+            memset(work.base, 0, work.width * sizeof(double));
+        }
         taken += (size_t)work.guest->taken_count;
     }
     space->kept_room = sbi_guests_taken_blocks(guests, matrix);
@@ -38016,7 +38097,7 @@ static int sbi_guest_is_held(const sbi_guest_space *space, int node, int axis)
     return space->matrix->fixed[node] >> axis & 1;
 }
 
-/* in = own (NULL: 0), and of x the components of its nodes; prescribed ones are those of `held`, or 0. */
+/* in = own (NULL: 0), and of x (NULL: 0) the components of its nodes; prescribed ones are those of `held`, or 0. */
 static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
                              const sb_real *held)
 {
@@ -38029,6 +38110,15 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
             const sb_real *from = sbi_guest_is_held(space, guest->nodes[k], axis) ? held : x;
             *in++ = from ? (double)from[3 * (size_t)guest->nodes[k] + (size_t)axis] : 0;
         }
+}
+
+/* in = the guest's place: unknowns `own`, nodes x further than the base. */
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
+                                   const sb_real *held)
+{
+    sbi_guest_gather(space, work, own, x, held);
+    for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
+        work->in[k] += work->base[k];
 }
 
 /* y += sign out on its nodes, but for prescribed components. */
@@ -38098,7 +38188,7 @@ SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const 
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
-        sbi_guest_gather(space, work, x ? guest->unknown : NULL, x, held);
+        sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
         for (int k = 0; k < guest->node_count; k++)
@@ -38258,11 +38348,50 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
         sbi_guest_work *work = space->work + g;
         if (!work->guest->settle)
             continue;
-        sbi_guest_gather(space, work, work->guest->unknown, x, x);
+        sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
         changed |= work->guest->settle(work->guest->user, work->in) != 0;
     }
     return changed;
 }
+
+/* ---- steps of several solves ---------------------------------------------------------------------------- */
+
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held)
+{
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        double *base = work->base;
+        for (int k = 0; k < guest->unknown_count; k++, base++) {
+            *base = share == 1 ? guest->unknown[k] : *base + share * (guest->unknown[k] - *base);
+            guest->unknown[k] = *base;
+        }
+        for (int k = 0; k < guest->node_count; k++)
+            for (int axis = 0; axis < 3; axis++, base++)
+                *base += (sbi_guest_is_held(space, guest->nodes[k], axis) ? held : share) *
+                         (double)x[3 * (size_t)guest->nodes[k] + (size_t)axis];
+    }
+}
+
+SBI_API void sbi_guest_force(sbi_guest_work *work) { work->guest->residual(work->guest->user, work->base, work->out); }
+
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic)
+{
+    *linear = *quadratic = 0;
+    for (int g = 0; g < space->count; g++) {
+        sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        sbi_guest_force(work);
+        sbi_guest_gather(space, work, guest->unknown, x, NULL);
+        for (int k = 0; k < guest->unknown_count; k++)
+            work->in[k] -= work->base[k];
+        *linear -= sbi_guest_dot(work->in, work->out, work->width);
+        guest->multiply(guest->user, work->in, work->out);
+        *quadratic += sbi_guest_dot(work->in, work->out, work->width) / 2;
+    }
+}
+
+/* ---- the preconditioner --------------------------------------------------------------------------------- */
 
 /* z = B r of the nodes; without a preconditioner r over the mean diagonal. */
 static void sbi_guest_apply(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
@@ -39291,22 +39420,27 @@ typedef struct sbi_pcg_guest_space {
     sbi_guest_space space;
     sbi_pcg_part *parts; /* [most parts + guests + 1] */
     int *part_start;     /* [most parts + guests + 1] */
-    int *part_of;        /* [row_count] */
 } sbi_pcg_guest_space;
 
 static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
                                                    sbi_pcg_guest_space *fresh)
 {
-    int rows = matrix->row_count;
+    int rows = matrix->row_count, *part_of;
     size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
     sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
     g = arena->base ? g : fresh;
     memset(g, 0, sizeof *g);
-    g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
+    part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
     g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
     g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_guest_space_layout(&g->space, guests, matrix, arena);
+    g->space.part_of = part_of;
     return g;
+}
+
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace)
+{
+    return workspace->guests ? &((sbi_pcg_guest_space *)workspace->guests)->space : NULL;
 }
 
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
@@ -39316,12 +39450,16 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
+    size_t bytes;
     sb_result result;
     if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
     sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
-    if (arena.overflow || arena.used > workspace->guest_bytes)
-        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    bytes = arena.used;
+    if (arena.overflow || bytes > workspace->guest_bytes) {
+        arena.overflow |= !sbi_size_add(&bytes, bytes / 2, 1); /* room for guests that grow by and by */
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, bytes, 1);
+    }
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
     /* the marks lie in the same place whatever the guests are */
@@ -39334,7 +39472,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     if (memory != workspace->guests) {
         sbi_free(&workspace->allocator, workspace->guests);
         workspace->guests = memory;
-        workspace->guest_bytes = arena.used;
+        workspace->guest_bytes = bytes;
     }
     arena.base = memory;
     arena.used = 0;
@@ -39394,12 +39532,12 @@ static void sbi_pcg_place_guests(sbi_pcg_state *s, sbi_pcg_guest_space *g)
 {
     for (int c = 0; c < s->part_count; c++)
         for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++)
-            g->part_of[s->part_rows ? s->part_rows[k] : k] = c;
+            g->space.part_of[s->part_rows ? s->part_rows[k] : k] = c;
     for (int k = 0; k < g->space.count; k++) {
         sbi_guest_work *work = g->space.work + k;
         int head = -1;
         for (int n = 0; n < work->guest->node_count; n++) {
-            int part = s->parts[g->part_of[work->guest->nodes[n]]].head;
+            int part = s->parts[g->space.part_of[work->guest->nodes[n]]].head;
             head = head < 0 ? part : sbi_pcg_join(s, head, part);
         }
         work->part = head;
@@ -39454,8 +39592,8 @@ static int sbi_pcg_begin_guests(sbi_pcg_state *s)
         const sbi_guest_work *work = s->guests->work + g;
         for (int k = 0; k < work->guest->unknown_count; k++) {
             if (s->parts[work->part].rhs_square == 0)
-                work->guest->unknown[k] = 0;
-            idle &= work->guest->unknown[k] == 0;
+                work->guest->unknown[k] = work->base[k];
+            idle &= work->guest->unknown[k] == work->base[k];
         }
     }
     sbi_guest_guess(s->guests, idle ? s->x : NULL, s->r, s->p);
@@ -44945,10 +45083,10 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 /* step_parts: an implicit step in parts, for what is solved together with a body. Floor 3, internal, made for guests.
  *
  *     sbi_step step;
- *     sb_result result = sbi_step_begin(body, dt, info, &step);
+ *     sb_result result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
  *     do {
  *         while (result == SB_OK && !step.done) {
- *             result = sbi_step_solve(&step, guests, guest_count);
+ *             result = sbi_step_solve(&step);
  *             if (result == SB_OK)
  *                 result = sbi_step_advance(&step);
  *         }
@@ -44957,13 +45095,18 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  *     } while (sbi_step_begin_again(&step, &result));
  *     return result == SB_OK ? result : sbi_step_undo(&step, result);
  *
- * is sb_body_step. A linearised step goes once through the inner loop. From begin to commit or undo nothing else may
- * change the body. */
+ * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From begin to
+ * commit or undo nothing else may change the body.
+ *
+ * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated step
+ * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
+ * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
+ * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
+ * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
+ * displacements were set, constraints changed, a static solve), guests take part in finding it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
-
-struct sbi_guest;
 
 /* One Newton iteration is A du = -r, see step_residual.c. Guests read; only the parts of the step write. */
 typedef struct sbi_step {
@@ -44975,11 +45118,15 @@ typedef struct sbi_step {
     int done;                 /* 1: nothing is left to be solved */
     int iteration;            /* of Newton, from 0 */
     sb_tangent_kind kind;     /* of the tangent in A */
+    sbi_guests guests;        /* solved together with the body */
+    int guests_begun;         /* those of them that have begun */
+    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
     sb_real dt;               /* s */
     sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
     sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real known_velocity[2], known_acceleration[2]; /* factors of v and a at the start in v and a, of free axes */
     sb_real load_factor;      /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
                                * loads that follow the body have: 1 in a time step */
@@ -45008,12 +45155,15 @@ typedef struct sbi_step {
 } sbi_step;
 
 /* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. info may be NULL. SB_ERROR_ARGUMENT, and SB_ERROR_UNSUPPORTED of a body with explicit steps; what
- * the material or the solver refuses. */
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step);
-/* Solves the present linear system for the body's increment, together with guests[guest_count]. Where the exact tangent is
- * not positive definite, it is made anew, projected, and solved again. */
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
+ * and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what their solves need
+ * is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (see
+ * sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a guest on a node with an
+ * axis that constraints eliminate (error.node; its masters serve); what the material, the solver or a guest refuses. */
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step);
+/* Solves the present linear system for the body's increment and the guests' unknowns. Where the exact tangent is not
+ * positive definite, it is made anew, projected, and solved again. */
+SBI_API sb_result sbi_step_solve(sbi_step *step);
 /* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
  * system is ready. */
 SBI_API sb_result sbi_step_advance(sbi_step *step);
@@ -45024,8 +45174,11 @@ SBI_API sb_result sbi_step_commit(sbi_step *step);
  * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
  * it. */
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: the body is as it was before, the recorder is told, info says why. Returns result. */
+/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
+/* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info);
 
 #endif /* SB_STEP_PARTS_H */
 
@@ -45046,6 +45199,9 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
+SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
+SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -45098,6 +45254,94 @@ SBI_API sb_result sbi_body_set_mapping_lines(sb_body *body, int load_id, const s
 SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
 
 #endif /* SB_BODY_GUEST_H */
+
+/* ==== src/softbody/body/state_part.h ==== */
+/* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
+ * Floor 3, internal.
+ *
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
+ * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
+ * tells one command, which its `replay` does again. */
+#ifndef SB_STATE_PART_H
+#define SB_STATE_PART_H
+
+
+#if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* Where a part's bytes go: they are counted, written or hashed. */
+typedef struct sbi_state_out {
+    unsigned char *bytes; /* NULL: they are not written */
+    size_t used;
+    int overflow;
+    int hashes;
+    uint64_t hash;
+} sbi_state_out;
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
+
+typedef struct sbi_state_part {
+    char name[9];  /* eight characters at most; each name once in a body */
+    int version;   /* of its bytes */
+    void *user;
+    /* Gives its bytes, the same ones as long as nothing has changed. */
+    void (*save)(const void *user, sbi_state_out *out);
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
+     * needs. Nothing that a step could notice changes. */
+    sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
+    /* Becomes it; the body has its own state back already, and listeners have followed. */
+    void (*load)(void *user, const unsigned char *bytes, size_t size);
+    /* After a check, when something else was refused; may be NULL. */
+    void (*give_up)(void *user);
+    /* Does a recorded command again. */
+    sb_result (*replay)(void *user, const int *ints, size_t int_count, const sb_real *reals, size_t real_count,
+                        sb_error *error);
+} sbi_state_part;
+
+/* From now on the part belongs to the body's state. SB_ERROR_ARGUMENT (no name, or a name that is taken),
+ * SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error);
+/* No longer; one that has not joined is fine. Parts end with the body, too. */
+SBI_API void sbi_body_leave(sb_body *body, const char *name);
+
+/* The body's recorder hears nothing until it is unmuted. Calls nest. */
+SBI_API void sbi_body_mute(sb_body *body);
+SBI_API void sbi_body_unmute(sb_body *body);
+/* A command of the part that changes the body or the part. */
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count);
+/* The same of a command that is a step, with its result: also told when it failed. */
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count);
+
+/* ---- undo ----
+ * What a saved state holds, for this body alone: cheap, neither checked nor recorded, and without others' parts. */
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body);
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer); /* [sbi_body_snapshot_size] */
+/* Back to it. Allocates (SB_ERROR_MEMORY, nothing changes) only where mesh, loads or constraints have changed since. */
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error);
+
+/* ---- for state.c and record.c ---- */
+
+typedef struct sbi_state_parts {
+    sbi_state_part *list; /* [count] by name */
+    int count, capacity;
+    int muted;
+} sbi_state_parts;
+
+SBI_API void sbi_state_parts_free(sb_body *body);
+/* Bytes of all parts as the image has them. */
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
+ * up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error);
+SBI_API void sbi_state_parts_give_up(const sb_body *owner);
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
+/* The first ints of a part's command name it. */
+enum { SBI_PART_NAME_INTS = 2 };
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error);
+#endif
+
+#endif /* SB_STATE_PART_H */
 
 /* ==== src/softbody/body/body_private.h ==== */
 /* body_private: what is inside an sb_body. Internal: body*.c keep it, step.c moves it. */
@@ -45186,6 +45430,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -45212,6 +45458,7 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -45339,6 +45586,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* 1: an observer hears of calls. */
+SBI_API int sbi_body_is_heard(const sb_body *body);
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
@@ -45391,8 +45640,8 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error);
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error);
 /* The reference mesh as others see it; borrowed arrays. */
 SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 /* Diagonal of the bounding box (m). */
@@ -45700,6 +45949,39 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
                                          sb_error *error);
 
 #endif /* SB_LIVE_CHANGE_H */
+
+/* ==== src/softbody/body/body_tell.c ==== */
+/* body_tell: the observer of a body hears of the calls that change it. */
+#include <string.h>
+
+
+SBI_API int sbi_body_is_heard(const sb_body *body)
+{
+    return body->observe && !(body->parts && body->parts->muted > 0);
+}
+
+SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
+                           const sb_real *reals, size_t real_count)
+{
+    sbi_command command;
+    if (!sbi_body_is_heard(body))
+        return;
+    memset(&command, 0, sizeof command);
+    command.code = code;
+    command.a = a;
+    command.b = b;
+    command.ints = ints;
+    command.int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    body->observe(body->observer, &command);
+}
+
+SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
+{
+    if (sbi_body_is_heard(body))
+        body->observe(body->observer, command);
+}
 
 /* ==== src/softbody/body/body_material.c ==== */
 /* body_material: regions, their materials, fibres, and what follows from them. */
@@ -46525,11 +46807,11 @@ SBI_API sb_real sbi_body_poisson(const sb_body *body)
     return largest;
 }
 
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error)
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error)
 {
     sbi_precond_set_poisson(precond, sbi_body_poisson(body));
-    return sb_preconditioner_update(precond, matrix, body->position, error);
+    return sbi_pcg_update_preconditioner(precond, matrix, body->position, guests, &body->pcg, error);
 }
 
 SBI_API sb_result sbi_body_make_moduli(const sb_body *body, const sb_matrix *matrix, sb_real **moduli, sb_error *error)
@@ -47647,31 +47929,6 @@ SB_API sb_body_def sb_default_body_def(void)
     return def;
 }
 
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
-}
-
 /* ---- creation: arguments ---- */
 
 SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
@@ -48016,6 +48273,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 
@@ -51370,7 +51628,7 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     if (body->live->follows)
-        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity), error);
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
     if (result == SB_OK && body->live->follows)
         result = sbi_assembly_reserve_parents(&next->assembly,
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
@@ -51862,11 +52120,16 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+<<<<<<< HEAD
     made->spare = live->spare;
     made->lists = live->lists;
     made->list_bytes = live->list_bytes;
     live->spare = NULL;
     live->lists = NULL;
+=======
+    body->parts = old.parts;
+    next->parts = NULL;
+>>>>>>> main
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
@@ -56579,6 +56842,26 @@ SBI_API int sbi_step_is_converged(sbi_step *step);
 /* 1 when all of the body's materials have an energy inside out. */
 SBI_API int sbi_step_allows_inversion(const sb_body *body);
 
+/* ---- step_guest.c ---- */
+/* Takes the memory for these guests; all or nothing. */
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);
+/* The system is made, but for its preconditioner: guests begin. */
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
+/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the next
+ * system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale where they
+ * lie in several. Only when guests have begun, as the next two. */
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
+/* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
+/* 1 when the rows of guests that lie in no part meet the tolerance, too, or are no more than `rounding` (N). */
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding);
+/* Of the increment `share` was taken, and `held` of it on supported axes. */
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held);
+/* Reactions less guests' forces on supported axes. */
+SBI_API void sbi_step_guest_reactions(const sbi_step *step);
+SBI_API void sbi_step_commit_guests(sbi_step *step);
+SBI_API void sbi_step_undo_guests(sbi_step *step);
+
 /* ---- step_system.c ---- */
 /* Where the supports of node i should be at the present load factor; exact at the end of the way. */
 SBI_API sb_vec3 sbi_step_goal(const sbi_step *step, int i);
@@ -56586,8 +56869,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 /* A du = -r with the supports' increments prescribed, constraints condensed and the preconditioner up to date. */
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* Solves it for the body's increment, with guests. */
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count);
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
+SBI_API sb_result sbi_step_solve_system(sbi_step *step);
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests' forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
 
 /* ---- step_search.c ---- */
@@ -56625,12 +56908,234 @@ SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
 
 #endif /* SB_STEP_PRIVATE_H */
 
+/* ==== src/softbody/body/step_guest.c ==== */
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
+ * are kept by conjugate gradients, from which a step of several solves counts on. */
+#include <math.h>
+#include <string.h>
+
+
+/* ---- begin ---- */
+
+static sbi_guest_space *sbi_step_guest_space(const sbi_step *step) { return sbi_pcg_guests(&step->body->pcg); }
+
+/* Constraints eliminate an equation that a guest would need. */
+static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guests, sb_error *error)
+{
+    for (int g = 0; b->elimination && g < guests->count; g++)
+        for (int k = 0; k < guests->list[g]->node_count; k++) {
+            int node = guests->list[g]->nodes[k];
+            if (b->elimination->slave[node])
+                return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
+                                     node);
+        }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count)
+{
+    sb_body *b = step->body;
+    sbi_guests guests;
+    sb_result result;
+    guests.list = list;
+    guests.count = count;
+    if (count == 0)
+        return SB_OK;
+    result = sbi_pcg_reserve_guests(&b->pcg, b->elimination ? &b->elimination->matrix : &b->matrix, &guests,
+                                    &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_check_slaves(b, &guests, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    step->guests = guests;
+    for (int g = 0; g < count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->first[k] = work->guest->unknown[k];
+    }
+    return SB_OK;
+}
+
+static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix *matrix)
+{
+    const sb_body *b = step->body;
+    sbi_guest_step told;
+    memset(&told, 0, sizeof told);
+    told.matrix = matrix;
+    told.displacement = b->start;
+    told.velocity = b->velocity;
+    told.acceleration = b->acceleration;
+    told.velocity0 = b->velocity0;
+    told.acceleration0 = b->acceleration0;
+    told.present = b->displacement;
+    told.iteration = step->iteration;
+    told.starts = step->starts;
+    told.dt = (double)step->dt;
+    told.velocity_factor = (double)step->cv;
+    told.acceleration_factor = (double)step->ca;
+    for (int k = 0; k < 2; k++) {
+        told.known_velocity[k] = (double)step->known_velocity[k];
+        told.known_acceleration[k] = (double)step->known_acceleration[k];
+    }
+    told.level = (double)step->level;
+    told.inertia_level = (double)step->inertia_level;
+    return told;
+}
+
+/* Unknowns as an iteration begins with them. */
+static void sbi_step_set_unknowns(const sbi_guest_work *work, const double *from)
+{
+    for (int k = 0; k < work->guest->unknown_count; k++)
+        work->guest->unknown[k] = from[k];
+}
+
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
+{
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    sbi_guest_step told;
+    if (step->guests.count == 0)
+        return SB_OK;
+    told = sbi_step_tell_guests(step, matrix);
+    space->matrix = matrix;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        sb_error *error = &step->info->error;
+        sb_result result;
+        sbi_step_set_unknowns(work, step->iteration > 0 ? work->base : work->first);
+        step->guests_begun = sbi_max_int(step->guests_begun, g + 1);
+        result = work->guest->begin ? work->guest->begin(work->guest->user, &told, error) : SB_OK;
+        if (result != SB_OK)
+            return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
+    }
+    return SB_OK;
+}
+
+/* ---- residual ---- */
+
+/* The part that a guest counts with: the one of the largest forces among those of its nodes; -1: it has no nodes. */
+static int sbi_step_guest_part(const sbi_step *step, const sbi_guest_space *space, const sbi_guest *guest, int parts)
+{
+    int part = -1;
+    if (parts == 1)
+        return guest->node_count > 0 ? 0 : -1;
+    for (int k = 0; k < guest->node_count; k++) {
+        int other = space->part_of[guest->nodes[k]];
+        if (part < 0 || step->body->part_scale[other] > step->body->part_scale[part])
+            part = other;
+    }
+    return part;
+}
+
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
+{
+    const sb_body *b = step->body;
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    const sb_vec3 *residual = b->elimination ? b->elimination->reduced : b->residual;
+    sb_vec3 *rest = (sb_vec3 *)(void *)space->rest;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
+        for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
+            space->part_of[parts->part_rows[k]] = c;
+    for (int g = 0; g < space->count; g++) {
+        space->work[g].done = 0;
+        space->work[g].part = sbi_step_guest_part(step, space, space->work[g].guest, parts->part_count);
+    }
+    sbi_guest_residual(space, NULL, NULL, space->rest);
+    sbi_guest_measure(space);
+}
+
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].part >= 0 && (part < 0 || space->work[g].part == part))
+            sum += space->work[g].sums[0];
+    return sum;
+}
+
+/* What rows of a guest without nodes are compared with: its loads. */
+static double sbi_step_lone_scale(const sbi_guest_space *space, const sbi_guest_work *work)
+{
+    const sbi_guest *guest = work->guest;
+    double sum = 0;
+    memset(work->in, 0, work->width * sizeof(double));
+    guest->residual(guest->user, work->in, work->out);
+    guest->precondition(guest->user, work->out, work->block);
+    for (size_t k = 0; k < work->size; k++)
+        sum += work->out[k] * work->block[k];
+    return sqrt(space->scale * sum);
+}
+
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        double norm = sqrt(work->sums[0]);
+        if (work->part < 0 && work->size > 0 && !(norm <= (double)rounding) &&
+            !(norm <= (double)step->tolerance * sbi_step_lone_scale(space, work)))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- the increment is taken ---- */
+
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
+{
+    if (step->guests.count > 0)
+        sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
+}
+
+SBI_API void sbi_step_guest_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *force = work->out + work->guest->unknown_count;
+        sbi_guest_force(work);
+        for (int k = 0; k < work->guest->node_count; k++, force += 3) {
+            int node = work->guest->nodes[k];
+            sb_vec3 f = sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]);
+            b->reaction[node] = sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], f), b->reaction[node]);
+        }
+    }
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_commit_guests(sbi_step *step)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        if (work->guest->commit)
+            work->guest->commit(work->guest->user, work->base);
+    }
+}
+
+SBI_API void sbi_step_undo_guests(sbi_step *step)
+{
+    for (int g = step->guests_begun; g-- > 0;) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_set_unknowns(work, work->first);
+        memset(work->base, 0, work->width * sizeof(double));
+        if (work->guest->undo)
+            work->guest->undo(work->guest->user);
+    }
+    step->guests_begun = 0;
+}
+
 /* ==== src/softbody/body/step_residual.c ==== */
 /* step_residual: forces, tangent and residual of a step or a static solve.
  *
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
  * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
  * A du = -r. */
+#include <math.h>
 #include <string.h>
 
 
@@ -56821,10 +57326,21 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
+    const sb_body *b = step->body;
+    if (step->guests_begun)
+        return (const sb_vec3 *)(const void *)sbi_pcg_guests(&b->pcg)->rest;
     return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* A norm with what guests add to it in this part of the matrix (-1: in all). */
+static sb_real sbi_step_with_guests(const sbi_step *step, sb_real norm, int part)
+{
+    if (!step->guests_begun)
+        return norm;
+    return (sb_real)sqrt((double)norm * (double)norm + sbi_step_guest_square(step, part));
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -56847,7 +57363,9 @@ SBI_API void sbi_step_residual(sbi_step *step)
     step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
+    if (step->guests_begun)
+        sbi_step_guest_residual(step, sbi_step_parts(b));
+    step->norm = sbi_step_with_guests(step, sbi_step_norm(b, sbi_step_unbalanced(step), SBI_STEP_FREE), -1);
 }
 
 /* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
@@ -56886,13 +57404,24 @@ static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
     int parts = sbi_step_parts(b)->part_count, meet = 1;
     step->info->residual = 0;
     for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real norm = step->norm;
         sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (parts > 1)
+            norm = sbi_step_with_guests(step, sbi_step_part_norm(b, c, sbi_step_unbalanced(step), SBI_STEP_FREE), c);
         if (scale > 0)
             step->info->residual = sb_max(step->info->residual, norm / scale);
         meet &= norm <= step->tolerance * scale || norm <= rounding;
     }
-    return meet;
+    return meet && (!step->guests_begun || sbi_step_lone_guests_meet(step, rounding));
+}
+
+/* 1 when there is nothing left of the guests' own rows. */
+static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    if (!step->guests_begun)
+        return 1;
+    return sbi_step_guest_square(step, -1) <= (double)(step->tolerance * step->scale * step->tolerance * step->scale) &&
+           sbi_step_lone_guests_meet(step, rounding);
 }
 
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
@@ -56900,7 +57429,9 @@ SBI_API int sbi_step_is_converged(sbi_step *step)
 {
     sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
     int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
-    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+    if (!meet && step->iteration > 0 && sbi_step_is_exhausted(step->body))
+        meet = sbi_step_guests_meet(step, rounding);
+    return !step->moves_supports && meet;
 }
 
 SBI_API int sbi_step_allows_inversion(const sb_body *b)
@@ -56984,17 +57515,13 @@ static void sbi_step_constrained_reactions(const sbi_step *step)
     sbi_constraint_reactions(b, b->work);
 }
 
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-SBI_API void sbi_step_reactions(const sbi_step *step)
+/* The same of a body without constraints. */
+static void sbi_step_support_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
-    if (b->elimination) {
-        sbi_step_constrained_reactions(step);
-        return;
-    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -57008,6 +57535,15 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         }
         b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
+}
+
+SBI_API void sbi_step_reactions(const sbi_step *step)
+{
+    if (step->body->elimination)
+        sbi_step_constrained_reactions(step);
+    else
+        sbi_step_support_reactions(step);
+    sbi_step_guest_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -57070,12 +57606,14 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     else
         sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    result = sbi_step_begin_guests(step, matrix);
+    if (result == SB_OK)
+        result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_step_now(b) - begin;
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -57084,14 +57622,11 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const 
     sbi_elimination *e = b->elimination;
     sb_result result;
     double begin = sbi_step_now(b);
-    (void)guests; /* conjugate gradients have none yet */
-    SB_ASSERT(guest_count == 0);
-    (void)guest_count;
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
@@ -57127,6 +57662,18 @@ typedef struct sbi_step_line {
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
+static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
+{
+    double linear, quadratic;
+    if (step->guests.count == 0)
+        return;
+    sbi_guest_line(sbi_pcg_guests(&step->body->pcg), &step->body->increment[0].x, &linear, &quadratic);
+    line->slope += (sb_real)linear;
+    line->linear += (sb_real)linear;
+    line->quadratic += (sb_real)quadratic;
+    line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -57149,6 +57696,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
+    sbi_step_add_guest_line(step, &line);
     return line;
 }
 
@@ -57174,10 +57722,12 @@ static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, i
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
+/* Takes a trial displacement, which is this share of the increment, and on supported axes `held` of it. */
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy, sb_real share, sb_real held)
 {
     sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_move_guests(step, share, held);
     step->energy = energy;
     step->energy_known = 1;
 }
@@ -57210,13 +57760,13 @@ static sb_result sbi_step_move_supports(sbi_step *step)
         if (b->elimination)
             sbi_elimination_follow(b->elimination, b->work, step->load_factor);
         if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_step_take(step, b->work, alone);
+            sbi_step_take(step, b->work, alone, 0, 1);
             return SB_OK;
         }
     }
     if (!(t > least))
         return sbi_step_no_step(step, bad);
-    sbi_step_take(step, b->work2, energy);
+    sbi_step_take(step, b->work2, energy, t, t);
     return SB_OK;
 }
 
@@ -57244,7 +57794,7 @@ static sb_result sbi_step_search(sbi_step *step)
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_step_take(step, b->work2, energy);
+            sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
             return SB_OK;
         }
@@ -57261,6 +57811,7 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
     } else {
         sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        sbi_step_move_guests(step, 1, 1);
     }
     if (result != SB_OK)
         return result;
@@ -57302,6 +57853,28 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
+ * the acceleration ca d: as good as their forces and masses at the start. */
+static sb_result sbi_step_solve_acceleration(sbi_step *start)
+{
+    const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
+    sb_body *b = start->body;
+    sb_result result;
+    if (start->guests.count > 0) {
+        start->ca = instants / start->dt * (instants / start->dt);
+        start->known_velocity[0] = 1;
+        start->starts = 1;
+    }
+    sbi_body_add_mass(b, start->guests.count > 0 ? start->ca : (sb_real)1);
+    result = sbi_step_make_system(start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(start);
+    for (int i = 0; result == SB_OK && i < b->domain.node_count; i++)
+        b->acceleration[i] = start->guests.count > 0 ? sb_v3_scale(start->ca, b->increment[i]) : b->increment[i];
+    sbi_step_undo_guests(start);
+    return result;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
@@ -57321,14 +57894,9 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
         sbi_step_tangent(&start, SB_TANGENT_QUASI);
     sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
-    sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    result = sbi_step_make_system(&start);
-    if (result == SB_OK)
-        result = sbi_step_solve_system(&start, NULL, 0);
-    if (result == SB_OK)
-        memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
+    result = sbi_step_solve_acceleration(&start);
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
@@ -57351,10 +57919,14 @@ static void sbi_step_scheme_alpha(sbi_step *step)
     step->inertia_level = inertia;
     step->cv = gamma / (beta * dt);
     step->ca = inertia / (beta * dt * dt * level);
+    step->known_velocity[0] = 1 - level * gamma / beta;
+    step->known_velocity[1] = level * dt * (1 - gamma / (2 * beta));
+    step->known_acceleration[0] = -inertia / (beta * dt);
+    step->known_acceleration[1] = 1 - inertia / (2 * beta);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
-        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
-        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
@@ -57379,6 +57951,10 @@ static void sbi_step_scheme_newmark(sbi_step *step)
     int newmark = b->integrator == SB_NEWMARK;
     step->cv = (newmark ? 2 : 1) / dt;
     step->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->known_velocity[0] = newmark ? (sb_real)-1 : (sb_real)0;
+    step->known_velocity[1] = 0;
+    step->known_acceleration[0] = newmark ? -4 / dt : -1 / dt;
+    step->known_acceleration[1] = newmark ? (sb_real)-1 : (sb_real)0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {
@@ -57499,7 +58075,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step);
+        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -57513,13 +58089,13 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     return sbi_step_project(step, sbi_step_make_system(step));
 }
 
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve(sbi_step *step)
 {
-    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    sb_result result = sbi_step_solve_system(step);
     if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
         result = sbi_step_project(step, result);
         if (result == SB_OK)
-            result = sbi_step_solve_system(step, guests, guest_count);
+            result = sbi_step_solve_system(step);
     }
     return sbi_step_project(step, result);
 }
@@ -57548,7 +58124,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 {
     sb_result result = begun;
     while (result == SB_OK && !step->done) {
-        result = sbi_step_solve(step, NULL, 0);
+        result = sbi_step_solve(step);
         if (result == SB_OK)
             result = sbi_step_advance(step);
     }
@@ -57729,6 +58305,7 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    sbi_step_commit_guests(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -57740,14 +58317,17 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
-    return sbi_step_start(step);
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
+                        "an explicit step solves no system: it has no parts and no guests");
+    result = sbi_step_take_guests(step, guests, guest_count);
+    return result == SB_OK ? sbi_step_start(step) : result;
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -57767,8 +58347,10 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
         return 0;
     memset(&fresh, 0, sizeof fresh);
+    sbi_step_undo_guests(step);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
+    fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = 0;
     *step = fresh;
@@ -57782,6 +58364,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 {
     if (!step->body) /* refused at once */
         return result;
+    sbi_step_undo_guests(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -57818,19 +58401,25 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
-    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, info, &step);
+    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
 }
 
 /* ==== src/softbody/body/step_static.c ==== */
@@ -58059,6 +58648,9 @@ SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_er
 }
 
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
+SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
+SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
+SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
@@ -58932,6 +59524,281 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
     return result;
 }
 
+/* ==== src/softbody/body/state_part.c ==== */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
+ * bytes. */
+
+#include <string.h>
+
+
+enum { SBI_PART_NAME = 8, SBI_PART_HEAD = SBI_PART_NAME + 4 + 8 };
+
+SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size)
+{
+    if (size == 0)
+        return;
+    if (out->bytes)
+        memcpy(out->bytes + out->used, bytes, size);
+    for (size_t i = 0; out->hashes && i < size; i += 8) {
+        int width = size - i < 8 ? (int)(size - i) : 8;
+        out->hash = sbi_hash_word(out->hash, sbi_get_bytes((const unsigned char *)bytes + i, width));
+    }
+    out->overflow |= !sbi_size_add(&out->used, size, 1);
+}
+
+/* ---- who has joined ---- */
+
+/* The parts of a body, made when there are none; NULL: no memory. */
+static sbi_state_parts *sbi_state_parts_of(sb_body *body)
+{
+    if (!body->parts)
+        body->parts = (sbi_state_parts *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *body->parts);
+    return body->parts;
+}
+
+static int sbi_state_parts_grow(const sb_body *body, sbi_state_parts *parts)
+{
+    int capacity = parts->capacity + parts->capacity / 2 + 2;
+    sbi_state_part *grown = (sbi_state_part *)sbi_alloc(&body->allocator, (size_t)capacity, sizeof *grown);
+    if (!grown)
+        return 0;
+    if (parts->count)
+        memcpy(grown, parts->list, (size_t)parts->count * sizeof *grown);
+    sbi_free(&body->allocator, parts->list);
+    parts->list = grown;
+    parts->capacity = capacity;
+    return 1;
+}
+
+/* The place of a name, or where it would go. */
+static int sbi_state_parts_place(const sbi_state_parts *parts, const char *name)
+{
+    int at = 0;
+    while (at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) < 0)
+        at++;
+    return at;
+}
+
+static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *name)
+{
+    const sbi_state_parts *parts = body->parts;
+    int at = parts ? sbi_state_parts_place(parts, name) : 0;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+}
+
+SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
+{
+    sbi_state_parts *parts = sbi_state_parts_of(body);
+    int at;
+    if (!part->name[0] || sbi_state_parts_find(body, part->name))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body's state has a part '%.8s' already", part->name);
+    if (!parts || (parts->count == parts->capacity && !sbi_state_parts_grow(body, parts)))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a part '%.8s' of the body's state", part->name);
+    at = sbi_state_parts_place(parts, part->name);
+    memmove(parts->list + at + 1, parts->list + at, (size_t)(parts->count - at) * sizeof *parts->list);
+    parts->list[at] = *part;
+    parts->count++;
+    return SB_OK;
+}
+
+SBI_API void sbi_body_leave(sb_body *body, const char *name)
+{
+    sbi_state_part *part = sbi_state_parts_find(body, name);
+    sbi_state_parts *parts = body->parts;
+    if (!part)
+        return;
+    parts->count--;
+    memmove(part, part + 1, (size_t)(parts->list + parts->count - part) * sizeof *part);
+}
+
+SBI_API void sbi_state_parts_free(sb_body *body)
+{
+    if (body->parts)
+        sbi_free(&body->allocator, body->parts->list);
+    sbi_free(&body->allocator, body->parts);
+    body->parts = NULL;
+}
+
+/* ---- the image ---- */
+
+static void sbi_state_put_number(sbi_state_out *out, uint64_t value, int bytes)
+{
+    unsigned char number[8];
+    sbi_put_bytes(number, value, bytes);
+    sbi_state_put(out, number, (size_t)bytes);
+}
+
+SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out)
+{
+    for (int i = 0; body->parts && i < body->parts->count; i++) {
+        const sbi_state_part *part = body->parts->list + i;
+        char name[SBI_PART_NAME] = {0};
+        sbi_state_out size;
+        memset(&size, 0, sizeof size);
+        part->save(part->user, &size);
+        memcpy(name, part->name, strlen(part->name));
+        sbi_state_put(out, name, sizeof name);
+        sbi_state_put_number(out, (uint64_t)part->version, 4);
+        sbi_state_put_number(out, size.used, 8);
+        part->save(part->user, out);
+        out->overflow |= size.overflow;
+    }
+}
+
+/* One part of an image. */
+typedef struct sbi_part_view {
+    char name[SBI_PART_NAME + 1];
+    int version;
+    const unsigned char *bytes;
+    size_t size;
+} sbi_part_view;
+
+/* Takes the part at bytes + *at and steps on; 0: it ends too early. */
+static int sbi_part_next(const unsigned char *bytes, size_t size, size_t *at, sbi_part_view *view)
+{
+    const unsigned char *head = bytes + *at;
+    uint64_t length;
+    if (size - *at < SBI_PART_HEAD)
+        return 0;
+    length = sbi_get_bytes(head + SBI_PART_NAME + 4, 8);
+    if (length > size - *at - SBI_PART_HEAD)
+        return 0;
+    memset(view, 0, sizeof *view);
+    memcpy(view->name, head, SBI_PART_NAME);
+    view->version = sbi_int_of(sbi_get_bytes(head + SBI_PART_NAME, 4));
+    view->bytes = head + SBI_PART_HEAD;
+    view->size = (size_t)length;
+    *at += SBI_PART_HEAD + view->size;
+    return 1;
+}
+
+static void sbi_state_parts_give_up_first(const sb_body *owner, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (owner->parts->list[i].give_up)
+            owner->parts->list[i].give_up(owner->parts->list[i].user);
+}
+
+SBI_API void sbi_state_parts_give_up(const sb_body *owner)
+{
+    sbi_state_parts_give_up_first(owner, owner->parts ? owner->parts->count : 0);
+}
+
+/* Whether part i of the owner may become what the image says. */
+static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body, int i, const sbi_part_view *view,
+                                      sb_error *error)
+{
+    const sbi_state_part *part = owner->parts ? owner->parts->list + i : NULL;
+    int order = !part || i == owner->parts->count ? -1 : strncmp(view->name, part->name, SBI_PART_NAME);
+    if (order < 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
+                        view->name);
+    if (order > 0)
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+    if (view->version != part->version)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
+                        view->version, part->version);
+    return part->check(part->user, body, view->bytes, view->size, error);
+}
+
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    int count = owner->parts ? owner->parts->count : 0, i = 0;
+    size_t at = 0;
+    sb_result result = SB_OK;
+    while (at < size && result == SB_OK) {
+        sbi_part_view view;
+        if (!sbi_part_next(bytes, size, &at, &view))
+            result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many or too few",
+                              (unsigned long)(size - at));
+        else
+            result = sbi_state_part_check(owner, body, i, &view, error);
+        i += result == SB_OK;
+    }
+    if (result == SB_OK && i < count)
+        result = sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                          owner->parts->list[i].name);
+    if (result != SB_OK)
+        sbi_state_parts_give_up_first(owner, i);
+    return result;
+}
+
+SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes)
+{
+    size_t at = 0;
+    for (int i = 0; owner->parts && i < owner->parts->count; i++) {
+        sbi_part_view view;
+        (void)sbi_part_next(bytes, (size_t)-1, &at, &view); /* it was checked */
+        owner->parts->list[i].load(owner->parts->list[i].user, view.bytes, view.size);
+    }
+}
+
+/* ---- recording ---- */
+
+SBI_API void sbi_body_mute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted++;
+}
+
+SBI_API void sbi_body_unmute(sb_body *body)
+{
+    if (body->parts)
+        body->parts->muted--;
+}
+
+static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name, sb_result result, const int *ints,
+                          size_t int_count, const sb_real *reals, size_t real_count)
+{
+    unsigned char bytes[SBI_PART_NAME] = {0};
+    int named[SBI_PART_NAME_INTS];
+    sbi_command command;
+    memset(&command, 0, sizeof command);
+    memcpy(bytes, name, strlen(name));
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        named[k] = sbi_int_of(sbi_get_bytes(bytes + 4 * k, 4));
+    command.code = code;
+    command.a = (int)result;
+    command.ints = named;
+    command.int_count = SBI_PART_NAME_INTS;
+    command.more_ints = ints;
+    command.more_int_count = int_count;
+    command.reals = reals;
+    command.real_count = real_count;
+    sbi_body_tell_command(body, &command);
+}
+
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
+                                size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
+}
+
+SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
+                                     size_t int_count, const sb_real *reals, size_t real_count)
+{
+    sbi_part_tell(body, SBI_COMMAND_PART_STEP, name, result, ints, int_count, reals, real_count);
+}
+
+SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    char name[SBI_PART_NAME + 1] = {0};
+    unsigned char bytes[SBI_PART_NAME];
+    const sbi_state_part *part;
+    if (int_count < SBI_PART_NAME_INTS)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the command of a part does not name it");
+    for (int k = 0; k < SBI_PART_NAME_INTS; k++)
+        sbi_put_bytes(bytes + 4 * k, (uint64_t)(uint32_t)ints[k], 4);
+    memcpy(name, bytes, sizeof bytes);
+    part = sbi_state_parts_find(body, name);
+    if (!part || !part->replay)
+        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
+                        name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+}
+
 /* ==== src/softbody/body/state.c ==== */
 /* state: one walk over a body's state serves measuring, writing, hashing, checking and reading. */
 
@@ -59015,6 +59882,7 @@ typedef struct sbi_state_walk {
     const unsigned char *in; /* CHECK, RESERVE, READ */
     size_t used, size;       /* bytes: passed so far, of in */
     int overflow;            /* MEASURE: used does not fit size_t */
+    int plain;               /* 1: for this body alone: what it is made of and what others keep are left out */
     uint64_t hash;
     sb_result result;        /* the first failure; what comes after it is 0 */
     sb_error *error;
@@ -59024,6 +59892,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -59093,6 +59962,30 @@ static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
     return value;
 }
 
+/* 1: numbers lie in memory as in an image. */
+static int sbi_state_is_little_endian(void)
+{
+    const uint32_t one = 1;
+    unsigned char first;
+    memcpy(&first, &one, 1);
+    return first == 1;
+}
+
+/* Passes an array of numbers at once: gives it away, takes it over, or steps past it. 0: it has to be passed number by
+ * number, to be hashed or checked, or because the machine orders bytes in another way. */
+static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_t size)
+{
+    if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
+        !sbi_state_is_little_endian())
+        return 0;
+    if (walk->pass == SBI_STATE_WRITE)
+        memcpy(walk->out + walk->used, array, count * size);
+    if (walk->pass == SBI_STATE_READ)
+        memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
 /* What the image and the body must agree on. */
 static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
 {
@@ -59108,6 +60001,8 @@ enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
 /* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
 static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
 {
+    if (sbi_state_bulk(walk, vectors, (size_t)count, sizeof *vectors))
+        return;
     for (int i = 0; i < count && walk->result == SB_OK; i++) {
         sb_vec3 v = sbi_state_vector(walk, vectors[i]);
         if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
@@ -59843,6 +60738,8 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
     sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
     sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    if (current && sbi_state_bulk(walk, body->internal, (size_t)n, sizeof(sb_vec3)))
+        n = 0;
     for (int i = 0; i < n && walk->result == SB_OK; i++) {
         sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
         if (walk->pass == SBI_STATE_READ)
@@ -59883,7 +60780,8 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
 {
     const sbi_assembly *assembly = &body->assembly;
     int cells = body->domain.cell_count, points = body->domain.points_per_cell;
-    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+    int one_by_one = !sbi_state_bulk(walk, assembly->rotations, (size_t)cells * (size_t)points, sizeof(sb_quat));
+    for (int e = 0; one_by_one && e < cells && walk->result == SB_OK; e++)
         for (int p = 0; p < points; p++) {
             sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
             sb_quat q = sbi_state_rotation(walk, *at, e);
@@ -59892,8 +60790,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
         }
     for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
-        sb_quat q = sbi_state_rotation(
-            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        if (!sbi_state_bulk(walk, &q, 1, sizeof q))
+            q = sbi_state_rotation(walk, q, e);
         if (walk->pass != SBI_STATE_READ)
             continue;
         at[0] = q.w;
@@ -59993,11 +60892,29 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
 
+/* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
+static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
+{
+    size_t corners = (size_t)n * sizeof(int);
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+        return 0;
+    if (walk->pass == SBI_STATE_MEASURE)
+        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
+    for (int e = 0; e < mesh->cells.end; e++) {
+        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
+        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
+        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    }
+    return 1;
+}
+
 /* What follows the counts; `store` has the image's values go into the mesh. */
 static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (sbi_state_put_mesh(walk, mesh, n))
+        return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
         sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
     for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
@@ -60108,19 +61025,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -60128,14 +61045,31 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
-        if (part->walk == sbi_state_live && !body->live)
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
+        if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    if (walk->plain)
+        return;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -60171,6 +61105,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -60183,6 +61118,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -60190,16 +61126,34 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
+}
+
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
 }
 
 /* Tells a recording what was loaded. */
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -60208,19 +61162,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK && !walk->plain) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -60235,13 +61196,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -60269,10 +61230,22 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.in = (const unsigned char *)snapshot;
+    walk.size = size;
+    walk.error = error;
+    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)
@@ -60318,7 +61291,7 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
  * and a command is
  *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
  * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
- * displacements. */
+ * displacements: of as many nodes as the body has then. */
 
 #include <string.h>
 
@@ -60411,7 +61384,7 @@ static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_coun
 
 static int sbi_record_is_solve(sbi_command_code code)
 {
-    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC || code == SBI_COMMAND_PART_STEP;
 }
 
 /* Where a solve led; sized by sbi_record_outcome_size. */
@@ -60420,8 +61393,8 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
     const sb_body *body = recording->body;
     sbi_record_put(recording, sb_body_state_hash(body), 8);
     for (int k = 0; k < SBI_RECORD_RANGES; k++)
-        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
-    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, body->domain.node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < body->domain.node_count; i++) {
         sbi_record_put_real(recording, body->displacement[i].x);
         sbi_record_put_real(recording, body->displacement[i].y);
         sbi_record_put_real(recording, body->displacement[i].z);
@@ -60431,7 +61404,7 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
 static size_t sbi_record_outcome_size(const sb_recording *recording)
 {
     int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
-    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->body->domain.node_count * sizeof(sb_vec3) : 0);
 }
 
 static int sbi_record_append(sb_recording *recording, const sbi_command *command)
@@ -60599,8 +61572,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
-                * with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
+                * body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -60823,6 +61796,11 @@ static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *e
     return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
 }
 
+static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -60925,6 +61903,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
+    {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -60936,21 +61916,22 @@ static const sbi_record_rule *sbi_record_find_rule(int code)
 }
 
 /* 1 when the counts are those of the rule. */
-static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 {
-    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    size_t reals = (size_t)rule->reals;
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
         reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
-        reals = 3 * (size_t)recording->node_count;
+        reals = c->real_count / 3 * 3;
     if (rule->reals == SBI_REALS_ANY)
         reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
-        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+        return c->a <= 0 && c->a > -64 && c->byte_count >= SBI_RECORD_OUTCOME &&
+               (c->byte_count - SBI_RECORD_OUTCOME) % sizeof(sb_vec3) == 0;
     return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
 }
 
@@ -60992,7 +61973,7 @@ static int sbi_record_next(sbi_record_cursor *cursor)
     cursor->reals = cursor->ints + 4 * (size_t)ints;
     cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
     cursor->at += used;
-    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+    return cursor->rule && sbi_record_fits(cursor->rule, &cursor->command);
 }
 
 static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
@@ -61126,16 +62107,17 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 }
 
 /* Finds where the displacements leave those of the recording. */
-static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
-                              size_t size, sb_recording_report *report)
+static void sbi_record_locate(const sb_body *body, const unsigned char *outcome, size_t size,
+                              sb_recording_report *report)
 {
-    int n = recording->node_count;
+    int n = body->domain.node_count;
+    int has_positions = size == SBI_RECORD_OUTCOME + (size_t)n * sizeof(sb_vec3);
     for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
         if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
             report->first_node = sbi_record_range_start(n, k);
             report->last_node = sbi_record_range_start(n, k + 1) - 1;
         }
-    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+    for (int i = report->first_node; has_positions && i >= 0 && i <= report->last_node; i++) {
         sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
         if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
             sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
@@ -61159,7 +62141,7 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
     report->actual = actual;
     report->expected_hash = expected;
     report->actual_hash = hash;
-    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    sbi_record_locate(body, c->bytes, c->byte_count, report);
     memcpy(reason, report->error.message, sizeof reason);
     if ((int)actual != c->a)
         return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
@@ -61179,7 +62161,10 @@ static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_re
     char reason[256];
     sb_result result;
     memset(&report->error, 0, sizeof report->error);
-    result = rule->play(body, &cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
+        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    else
+        result = rule->play(body, &cursor->command, &report->error);
     if (sbi_record_is_solve(rule->code))
         return sbi_record_compare(cursor, body, result, report);
     if (result == SB_OK)

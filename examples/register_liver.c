@@ -316,13 +316,7 @@ static int face_camera(work *w, const char *path)
                                                                                           : complain_error(path, &error);
     }
     say_turned(path);
-    for (int i = 0; !w->has_target && i < w->cloud.count; i++)
-        w->cloud.normals[i] = sb_v3_scale(-1, w->cloud.normals[i]);
-    for (int e = 0; w->has_target && e < w->target.element_count; e++) {
-        int *n = w->target.elements + 3 * (size_t)e, first = n[0];
-        n[0] = n[1];
-        n[1] = first;
-    }
+    target_turn(&w->target, &w->cloud);
     return 0;
 }
 

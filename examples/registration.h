@@ -260,15 +260,21 @@ static inline sb_result task_align(const task *given, const task_shape *model, c
 /* ---- which way the target faces ----------------------------------------------------------------------------------
  * Normals that point inwards pair an organ's front with its back: every method then has an answer, centimetres off. */
 
-static inline void task_turn(outcome *out)
+/* Turns a cloud's normals, where it has any, and a mesh's triangles; either may be empty. */
+static inline void target_turn(sb_mesh *target, reg_cloud *cloud)
 {
-    for (int i = 0; out->cloud.normals && i < out->cloud.count; i++)
-        out->cloud.normals[i] = sb_v3_scale(-1, out->cloud.normals[i]);
-    for (int e = 0; e < out->target.element_count; e++) {
-        int *n = out->target.elements + 3 * (size_t)e, first = n[0];
+    for (int i = 0; cloud->normals && i < cloud->count; i++)
+        cloud->normals[i] = sb_v3_scale(-1, cloud->normals[i]);
+    for (int e = 0; e < target->element_count; e++) {
+        int *n = target->elements + 3 * (size_t)e, first = n[0];
         n[0] = n[1];
         n[1] = first;
     }
+}
+
+static inline void task_turn(outcome *out)
+{
+    target_turn(&out->target, &out->cloud);
     out->is_turned = !out->is_turned;
 }
 

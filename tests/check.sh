@@ -1,6 +1,6 @@
 #!/bin/bash
 # All that must hold before a change goes in: what CI runs (make check). CHECK_ALL=1 adds what takes as long again: every lint
-# and golden combination, C++ at run time, traps, threads, stack, violent loops under the sanitizers, other systems. Two steps
+# and golden combination, C++ at run time, traps, violent loops under the sanitizers, other systems. Two steps
 # at a time, each of which keeps one core busy. Tools that only serve other systems may be missing and are then reported as skips.
 # Ends with one line `N passed, N failed, N skipped`.
 #
@@ -21,7 +21,7 @@ optional() { # optional TOOL NAME COMMAND
 
 # No debugging symbols, programs linked with one object that holds the implementation, what calls it not optimised.
 library=build/double/implementation.o
-make="make --no-print-directory -s CFLAGS=-O2 EXAMPLE_CFLAGS=-O1 SANITIZE_CFLAGS=-O1 UNIT_CFLAGS=-O0 LIBRARY=$library"
+make="make --no-print-directory -s CFLAGS=-O2 SANITIZE_CFLAGS=-O1 LIBRARY=$library"
 unset MAKEFLAGS MFLAGS MAKELEVEL
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -34,24 +34,24 @@ single "the generated files are those that src/ gives" "$make headers
         echo '    git add *.h src/*/names.h'
         false
     fi"
-single "the tests and examples build" "$make -j$(nproc) build/double/tests build/amalgamate build/fuzz/plain examples"
+single "the tests and examples build" "$make -j$(nproc) tested build/stack/tests"
 first=("${lane[@]}")
 
 lane=()
 counted "tests under the address and undefined-behaviour sanitizers" "$make sanitize"
 counted "warnings, split build, order of calls, linkage" "$make lint $(few "LINTS='gcc-float clangxx-double'")"
-counted "tests in double" "CHECK_QUICK=1 $make test"
+counted "tests in double, each with 128 kB of stack" "$make test-stack"
+counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 $make test-float FILTER='\$(SLOW)'"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
 # Waiting threads leave their processor to the other step. Two long tests have no threads and are left out.
 counted "tests with OpenMP" "OMP_WAIT_POLICY=passive $make test-openmp FILTER='\$(SLOW) -step/rest -step/Newmark'"
 counted "golden results of compilers and optimisations" "$make test-golden $(few "GOLDEN_NAMES='gcc-O3 clang-O0'")"
+counted "tests of threads under the thread sanitizer" "$make test-tsan"
 counted "random sessions on every element" "$make soak SOAK_SECONDS=5"
 if [ -n "${CHECK_ALL:-}" ]; then
     counted "sanitizers over the suites of violent loops" "$make sanitize FILTER='step integrators stuffing schemes viscoelastic load bbar'"
     counted "tests where invalid operations are signals" "CHECK_QUICK=1 $make test-traps"
-    counted "tests of threads under the thread sanitizer" "$make test-tsan"
-    counted "tests with 128 kB of stack" "$make test-stack"
     counted "tests as C++11" "CHECK_QUICK=1 $make test-cpp"
     counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
     counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"
@@ -74,13 +74,5 @@ lane=()
 single "nothing left lying in the tree" "git status --porcelain | diff $work/before -"
 
 tests/total.sh "${first[@]}" | tee "$work/first" || true
-sums=("tail -n 1 $work/first")
-for step in "${!steps[@]}"; do
-    printf '%s' "${steps[step]}" >"$work/step.$step"
-    sums+=("tail -n 1 $work/out.$step")
-done
-export work
-printf '%s\n' "${!steps[@]}" | xargs -P 2 -I STEP sh -c '
-    tests/total.sh "$(cat "$work/step.STEP")" >"$work/out.STEP" 2>&1
-    cat "$work/out.STEP"' || true
-tests/total.sh "${sums[@]}" "${lane[@]}"
+TOTAL_JOBS=2 tests/total.sh "${steps[@]}" | tee "$work/steps" || true
+tests/total.sh "tail -n 1 $work/first" "tail -n 1 $work/steps" "${lane[@]}"

@@ -3,6 +3,8 @@
  *     tests [FILTER...]     a FILTER is a suite (`dense`), the start of suite/test (`dense/inverse`) or the start of
  *                           a test in any suite (`/golden`); with a minus before it, it leaves tests out
  *
+ * With CHECK_TIMES in the environment each test prints the processor's seconds that it took.
+ *
  * With CHECK_TRAPS (make test-traps) an operation that overflows, is invalid or divides by zero ends its test as failed, as
  * in a host that unmasks these exceptions; the addresses printed are for addr2line.
  *
@@ -141,10 +143,13 @@ static void run_body(const check_case *test) { test->run(); }
 
 static void run_test(const check_suite *suite, const check_case *test, totals *sum)
 {
+    clock_t start = clock();
     check.failures = 0;
     check.skips = 0;
     check.test = test->name;
     run_body(test);
+    if (getenv("CHECK_TIMES"))
+        printf("%8.2f s: %s/%s\n", (double)(clock() - start) / (double)CLOCKS_PER_SEC, suite->name, test->name);
     if (check.failures) {
         printf("FAILED: %s/%s\n", suite->name, test->name);
         sum->failed++;

@@ -16,8 +16,6 @@ cat >"$work/known" <<'END'
 needle/needle needle/needle_resist
 needle/tissue_matrix needle/tissue_precond
 needle/tissue_precond needle/tissue_step
-softbody/body/body_material softbody/body/body
-softbody/body/body_read softbody/body/body
 softbody/body/step_residual softbody/body/step_system
 softbody/body/body softbody/body/live_mesh
 softbody/body/body softbody/body/load

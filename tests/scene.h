@@ -206,10 +206,11 @@ static inline void *scene_work(void *user)
     return NULL;
 }
 
-/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. */
+/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. A race
+ * shows between any two of them. */
 static inline void scene_run_threads(int count, sb_task task, void *task_user, int workers)
 {
-    enum { MOST = 16 };
+    enum { MOST = 3 };
     scene_worker all[MOST];
     workers = workers > MOST ? MOST : workers;
     for (int w = 0; w < workers; w++) {

@@ -218,6 +218,12 @@ static void test_marks_and_nuls(void)
         CHECK(strstr(error.message, "NUL") != NULL);
         CHECK_INT(error.line, lines + 1);
     }
+    CHECK_RESULT(reg_cloud_load_memory(&cloud, "\xFF\xFE" "1\0 \0", 6, REG_CLOUD_AUTO, "m.xyz", 1, NULL, &error),
+                 SB_ERROR_UNSUPPORTED);
+    CHECK(strstr(error.message, "UTF-16") != NULL);
+    CHECK_RESULT(reg_cloud_load_memory(&cloud, "\x1F\x8B\x08 1 2 3\n", 10, REG_CLOUD_XYZ, "m.xyz", 1, NULL, &error),
+                 SB_ERROR_UNSUPPORTED);
+    CHECK(strstr(error.message, "gzip") != NULL);
 }
 
 static void test_formats(void)

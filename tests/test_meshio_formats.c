@@ -3,79 +3,12 @@
 #include "softbody.h"
 
 #include "check.h"
+#include "mesh_file.h"
 
 #include <limits.h>
 #include <time.h>
 
-/* ---- bytes of a file ------------------------------------------------------------------------------ */
-
-typedef struct file {
-    unsigned char *data;
-    size_t size, capacity;
-    int big_endian;
-} file;
-
-static void put(file *f, const void *data, size_t size)
-{
-    if (f->size + size > f->capacity) {
-        f->capacity = 2 * (f->size + size) + 64;
-        f->data = (unsigned char *)realloc(f->data, f->capacity);
-    }
-    if (size)
-        memcpy(f->data + f->size, data, size);
-    f->size += size;
-}
-
-static void put_text(file *f, const char *text) { put(f, text, strlen(text)); }
-
-static void put_bits(file *f, uint64_t bits, int size)
-{
-    unsigned char out[8];
-    for (int i = 0; i < size; i++)
-        out[f->big_endian ? size - 1 - i : i] = (unsigned char)(bits >> (8 * i) & 0xFF);
-    put(f, out, (size_t)size);
-}
-
-static void put_real(file *f, double value, int size)
-{
-    float single = (float)value;
-    uint32_t low;
-    uint64_t bits;
-    memcpy(&low, &single, sizeof low);
-    memcpy(&bits, &value, sizeof bits);
-    put_bits(f, size == 4 ? low : bits, size);
-}
-
-/* An integer in text or binary. */
-static void put_int(file *f, int binary, long long value, int size)
-{
-    char text[32];
-    if (binary) {
-        put_bits(f, (uint64_t)value, size);
-        return;
-    }
-    snprintf(text, sizeof text, "%lld ", value);
-    put_text(f, text);
-}
-
-static void put_number(file *f, int binary, double value)
-{
-    char text[40];
-    if (binary) {
-        put_real(f, value, 8);
-        return;
-    }
-    snprintf(text, sizeof text, "%.17g ", value);
-    put_text(f, text);
-}
-
-static void file_free(file *f)
-{
-    free(f->data);
-    memset(f, 0, sizeof *f);
-}
-
-static sb_result load(const file *f, sb_mesh *mesh, sb_mesh_sets *sets, sb_load_report *report, sb_error *error)
+static sb_result load(const bytes *f, sb_mesh *mesh, sb_mesh_sets *sets, sb_load_report *report, sb_error *error)
 {
     sb_load_options options = sb_default_load_options();
     options.sets = sets;
@@ -87,11 +20,11 @@ static sb_result load(const file *f, sb_mesh *mesh, sb_mesh_sets *sets, sb_load_
 
 static sb_result load_text(const char *text, sb_mesh *mesh, sb_mesh_sets *sets, sb_load_report *report, sb_error *error)
 {
-    file f = {NULL, 0, 0, 0};
+    bytes f = {NULL, 0, 0, 0};
     sb_result result;
     put_text(&f, text);
     result = load(&f, mesh, sets, report, error);
-    file_free(&f);
+    bytes_free(&f);
     return result;
 }
 
@@ -105,102 +38,86 @@ static int has_note(const sb_load_report *report, const char *words)
 
 /* ---- the mesh of the built files: two tets and, as lower cells, a triangle and a point ------------- */
 
-static const double nodes[5][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}};
-static const int tets[2][4] = {{0, 1, 2, 3}, {1, 2, 3, 4}};
-static const int regions[2] = {3, 7};
 static const int triangle[3] = {0, 2, 1};
-
-static void expect_pair(const sb_mesh *mesh)
-{
-    CHECK_INT(mesh->element_type, SB_TET4);
-    if (!CHECK_INT(mesh->node_count, 5) || !CHECK_INT(mesh->element_count, 2))
-        return;
-    for (int i = 0; i < 5; i++)
-        CHECK(mesh->nodes[i].x == (sb_real)nodes[i][0] && mesh->nodes[i].y == (sb_real)nodes[i][1] &&
-              mesh->nodes[i].z == (sb_real)nodes[i][2]);
-    CHECK(memcmp(mesh->elements, tets, sizeof tets) == 0);
-    if (CHECK(mesh->regions != NULL))
-        CHECK(mesh->regions[0] == regions[0] && mesh->regions[1] == regions[1]);
-}
 
 /* ---- gmsh ----------------------------------------------------------------------------------------- */
 
 /* Node tags 10, 20, ...; groups: volumes 3 "outer part" and 7 (no name), surface 9 "in let". The second tet's entity is
  * in the groups 7 and 8. */
-static void put_gmsh_nodes(file *f, int version, int binary)
+static void put_gmsh_nodes(bytes *f, int version, int binary)
 {
     put_text(f, version == 1 ? "$NOD\n" : "$Nodes\n");
     if (version == 4) {
-        put_int(f, binary, 1, 8);
-        put_int(f, binary, 5, 8);
-        put_int(f, binary, 1, 4);
-        put_int(f, binary, 3, 4);
-        put_int(f, binary, 0, 4);
-        put_int(f, binary, 5, 8);
+        put_integer(f, binary, 1, 8);
+        put_integer(f, binary, 5, 8);
+        put_integer(f, binary, 1, 4);
+        put_integer(f, binary, 3, 4);
+        put_integer(f, binary, 0, 4);
+        put_integer(f, binary, 5, 8);
     } else {
         put_text(f, "5\n");
     }
     for (int i = 0; i < 5; i++) {
-        put_int(f, binary, 10 * (i + 1), 4);
+        put_integer(f, binary, 10 * (i + 1), 4);
         for (int k = 0; k < 3; k++)
-            put_number(f, binary, nodes[i][k]);
+            put_double(f, binary, pair_nodes[i][k]);
         if (version == 3 && i == 2) { /* a node on a face, with two parameters */
-            put_int(f, binary, 1, 4);
-            put_int(f, binary, 2, 4);
-            put_number(f, binary, 0.5);
-            put_number(f, binary, 0.25);
+            put_integer(f, binary, 1, 4);
+            put_integer(f, binary, 2, 4);
+            put_double(f, binary, 0.5);
+            put_double(f, binary, 0.25);
         } else if (version == 3) {
-            put_int(f, binary, 0, 4);
+            put_integer(f, binary, 0, 4);
         }
     }
     put_text(f, version == 1 ? "\n$ENDNOD\n" : "\n$EndNodes\n");
 }
 
-static void put_gmsh_tags(file *f, int binary, const int *cell, int count)
+static void put_gmsh_tags(bytes *f, int binary, const int *cell, int count)
 {
     for (int k = 0; k < count; k++)
-        put_int(f, binary, 10 * (cell[k] + 1), 4);
+        put_integer(f, binary, 10 * (cell[k] + 1), 4);
 }
 
 /* The triangle and the tets, one element after the other. */
-static void put_gmsh_elements(file *f, int version, int binary)
+static void put_gmsh_elements(bytes *f, int version, int binary)
 {
     put_text(f, version == 1 ? "$ELM\n3\n" : "$Elements\n");
     if (version == 4) {
-        put_int(f, binary, 3, 8);
-        put_int(f, binary, 3, 8);
+        put_integer(f, binary, 3, 8);
+        put_integer(f, binary, 3, 8);
     } else if (version == 3) {
         put_text(f, "3\n");
     }
     for (int i = 0; i < 3; i++) {
         int corners = i ? 4 : 3, type = i ? 4 : 2, entity = i == 2 ? 2 : 1;
         if (version == 4) {
-            put_int(f, binary, entity, 4);
-            put_int(f, binary, corners - 1, 4);
-            put_int(f, binary, type, 4);
-            put_int(f, binary, 1, 8);
+            put_integer(f, binary, entity, 4);
+            put_integer(f, binary, corners - 1, 4);
+            put_integer(f, binary, type, 4);
+            put_integer(f, binary, 1, 8);
         }
-        put_int(f, binary, 100 + i, 4);
+        put_integer(f, binary, 100 + i, 4);
         if (version != 4)
-            put_int(f, binary, type, 4);
+            put_integer(f, binary, type, 4);
         if (version == 1)
-            put_int(f, binary, i ? regions[i - 1] : 9, 4);
+            put_integer(f, binary, i ? pair_regions[i - 1] : 9, 4);
         if (version != 4) {
-            put_int(f, binary, entity, 4);
-            put_int(f, binary, corners, 4);
+            put_integer(f, binary, entity, 4);
+            put_integer(f, binary, corners, 4);
         }
-        put_gmsh_tags(f, binary, i ? tets[i - 1] : triangle, corners);
+        put_gmsh_tags(f, binary, i ? pair_cells[i - 1] : triangle, corners);
     }
     put_text(f, version == 1 ? "\n$ENDELM\n" : "\n$EndElements\n");
 }
 
-static void put_gmsh_names(file *f)
+static void put_gmsh_names(bytes *f)
 {
     put_text(f, "$PhysicalNames\n2\n2 9 \"in let\"\n3 3 \"outer part\"\n$EndPhysicalNames\n");
 }
 
 /* Volume 1 is in the group 3, volume 2 in 7 and 8, surface 1 in -9: gmsh's sign of a reversed surface. */
-static void put_gmsh_entities(file *f, int version, int binary)
+static void put_gmsh_entities(bytes *f, int version, int binary)
 {
     static const int groups[3][2] = {{-9, 0}, {3, 0}, {7, 8}};
     if (version == 3) {
@@ -209,22 +126,22 @@ static void put_gmsh_entities(file *f, int version, int binary)
     }
     put_text(f, "$Entities\n");
     for (int i = 0; i < 4; i++)
-        put_int(f, binary, i < 2 ? 0 : i - 1, 8);
+        put_integer(f, binary, i < 2 ? 0 : i - 1, 8);
     for (int i = 0; i < 3; i++) {
         int count = i == 2 ? 2 : 1;
-        put_int(f, binary, i == 2 ? 2 : 1, 4);
+        put_integer(f, binary, i == 2 ? 2 : 1, 4);
         for (int k = 0; k < 6; k++)
-            put_number(f, binary, k < 3 ? 0 : 1);
-        put_int(f, binary, count, 8);
+            put_double(f, binary, k < 3 ? 0 : 1);
+        put_integer(f, binary, count, 8);
         for (int k = 0; k < count; k++)
-            put_int(f, binary, groups[i][k], 4);
-        put_int(f, binary, 1, 8);
-        put_int(f, binary, 1, 4);
+            put_integer(f, binary, groups[i][k], 4);
+        put_integer(f, binary, 1, 8);
+        put_integer(f, binary, 1, 4);
     }
     put_text(f, "\n$EndEntities\n");
 }
 
-static void build_gmsh(file *f, int version, int binary, int big_endian)
+static void build_gmsh(bytes *f, int version, int binary, int big_endian)
 {
     char line[40];
     f->big_endian = big_endian;
@@ -267,7 +184,7 @@ static void test_gmsh_versions(void)
     static const int versions[3] = {1, 3, 4};
     for (int i = 0; i < 9; i++) {
         int version = versions[i / 3], binary = i % 3 > 0;
-        file f = {NULL, 0, 0, 0};
+        bytes f = {NULL, 0, 0, 0};
         sb_mesh mesh;
         sb_mesh_sets sets;
         sb_load_report report;
@@ -289,7 +206,7 @@ static void test_gmsh_versions(void)
         } else {
             printf("  version %d, binary %d, line %d: %s\n", version, binary, error.line, error.message);
         }
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
@@ -348,12 +265,12 @@ static void test_gmsh_names(void)
 
 /* ---- Medit ---------------------------------------------------------------------------------------- */
 
-static void put_medit_section(file *f, int version, const char *name, int code, size_t row_bytes, int rows)
+static void put_medit_section(bytes *f, int version, const char *name, int code, size_t row_bytes, int rows)
 {
     if (!version) {
         put_text(f, name);
         put_text(f, "\n");
-        put_int(f, 0, rows, 4);
+        put_integer(f, 0, rows, 4);
         return;
     }
     put_bits(f, (uint64_t)code, 4);
@@ -363,7 +280,7 @@ static void put_medit_section(file *f, int version, const char *name, int code, 
 }
 
 /* version 0: text. Required vertices lie between, to be stepped over. */
-static void build_medit(file *f, int version, int big_endian)
+static void build_medit(bytes *f, int version, int big_endian)
 {
     int binary = version > 0, word = version >= 4 ? 8 : 4, real = version == 1 ? 4 : 8;
     f->big_endian = big_endian;
@@ -380,24 +297,24 @@ static void build_medit(file *f, int version, int big_endian)
     for (int i = 0; i < 5; i++) {
         for (int k = 0; k < 3; k++) {
             if (binary)
-                put_real(f, nodes[i][k], real);
+                put_real(f, pair_nodes[i][k], real);
             else
-                put_number(f, 0, nodes[i][k]);
+                put_double(f, 0, pair_nodes[i][k]);
         }
-        put_int(f, binary, i, word);
+        put_integer(f, binary, i, word);
     }
     put_medit_section(f, version, "\nRequiredVertices", 15, (size_t)word, 2);
-    put_int(f, binary, 1, word);
-    put_int(f, binary, 2, word);
+    put_integer(f, binary, 1, word);
+    put_integer(f, binary, 2, word);
     put_medit_section(f, version, "\nTriangles", 6, 4 * (size_t)word, 1);
     for (int k = 0; k < 3; k++)
-        put_int(f, binary, triangle[k] + 1, word);
-    put_int(f, binary, 9, word);
+        put_integer(f, binary, triangle[k] + 1, word);
+    put_integer(f, binary, 9, word);
     put_medit_section(f, version, "\nTetrahedra", 8, 5 * (size_t)word, 2);
     for (int i = 0; i < 2; i++) {
         for (int k = 0; k < 4; k++)
-            put_int(f, binary, tets[i][k] + 1, word);
-        put_int(f, binary, regions[i], word);
+            put_integer(f, binary, pair_cells[i][k] + 1, word);
+        put_integer(f, binary, pair_regions[i], word);
     }
     if (binary) {
         put_bits(f, 54, 4);
@@ -410,7 +327,7 @@ static void build_medit(file *f, int version, int big_endian)
 static void test_medit(void)
 {
     for (int i = 0; i < 9; i++) {
-        file f = {NULL, 0, 0, 0};
+        bytes f = {NULL, 0, 0, 0};
         sb_mesh mesh;
         sb_mesh_sets sets;
         sb_load_report report;
@@ -437,7 +354,7 @@ static void test_medit(void)
         } else {
             printf("  version %d: %s\n", (i + 1) / 2, error.message);
         }
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
@@ -447,13 +364,13 @@ enum { ASCII = 0, INLINE = 1, APPENDED_RAW = 2, APPENDED_BASE64 = 3 };
 enum { PLAIN = 0, STORED = 1, FIXED = 2 }; /* packed how */
 
 typedef struct vtu {
-    file f, appended;
+    bytes f, appended;
     int format, packing, header, big_endian;
     size_t block; /* bytes */
     int apart;    /* header and data encoded one by one, without packing too */
 } vtu;
 
-static void put_base64(file *f, const unsigned char *data, size_t size)
+static void put_base64(bytes *f, const unsigned char *data, size_t size)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     for (size_t i = 0; i < size; i += 3) {
@@ -472,7 +389,7 @@ static void put_base64(file *f, const unsigned char *data, size_t size)
 
 /* Bits of a deflate stream, lowest first. */
 typedef struct bit_writer {
-    file *f;
+    bytes *f;
     unsigned hold;
     int count;
 } bit_writer;
@@ -509,7 +426,7 @@ static void put_symbol(bit_writer *w, unsigned s)
 }
 
 /* Literals, and a run of four or more equal bytes as a copy of distance 1. */
-static void put_fixed_block(file *f, const unsigned char *data, size_t size)
+static void put_fixed_block(bytes *f, const unsigned char *data, size_t size)
 {
     bit_writer w;
     w.f = f;
@@ -534,7 +451,7 @@ static void put_fixed_block(file *f, const unsigned char *data, size_t size)
         put_bit(&w, 0);
 }
 
-static void put_zlib(file *f, const unsigned char *data, size_t size, int packing)
+static void put_zlib(bytes *f, const unsigned char *data, size_t size, int packing)
 {
     uint32_t a = 1, b = 0;
     int kept = f->big_endian;
@@ -558,9 +475,9 @@ static void put_zlib(file *f, const unsigned char *data, size_t size, int packin
 }
 
 /* Header and data as they stand in the file before they are encoded; *head: bytes of the header. */
-static void pack(const vtu *v, const file *values, file *out, size_t *head)
+static void pack(const vtu *v, const bytes *values, bytes *out, size_t *head)
 {
-    file blocks = {NULL, 0, 0, 0};
+    bytes blocks = {NULL, 0, 0, 0};
     size_t count = (values->size + v->block - 1) / v->block;
     out->big_endian = v->big_endian;
     if (v->packing == PLAIN) {
@@ -579,10 +496,10 @@ static void pack(const vtu *v, const file *values, file *out, size_t *head)
     }
     *head = out->size;
     put(out, blocks.data, blocks.size);
-    file_free(&blocks);
+    bytes_free(&blocks);
 }
 
-static void put_encoded(file *to, const file *packed, size_t head, int apart)
+static void put_encoded(bytes *to, const bytes *packed, size_t head, int apart)
 {
     if (apart) {
         put_base64(to, packed->data, head);
@@ -596,8 +513,8 @@ static void put_encoded(file *to, const file *packed, size_t head, int apart)
 static void put_array(vtu *v, const char *type, const char *name, int components, const double *values, int count)
 {
     static const char *const formats[4] = {"ascii", "binary", "appended", "appended"};
-    int bytes = atoi(strpbrk(type, "1368")) / 8, apart = v->apart || v->packing != PLAIN;
-    file raw = {NULL, 0, 0, 0}, packed = {NULL, 0, 0, 0};
+    int width = atoi(strpbrk(type, "1368")) / 8, apart = v->apart || v->packing != PLAIN;
+    bytes raw = {NULL, 0, 0, 0}, packed = {NULL, 0, 0, 0};
     char tag[200];
     size_t head = 0;
     snprintf(tag, sizeof tag, "<DataArray type='%s' Name=\"%s\" NumberOfComponents=\"%d\" format=\"%s\"", type, name,
@@ -606,9 +523,9 @@ static void put_array(vtu *v, const char *type, const char *name, int components
     raw.big_endian = v->big_endian;
     for (int i = 0; i < count; i++) {
         if (type[0] == 'F')
-            put_real(&raw, values[i], bytes);
+            put_real(&raw, values[i], width);
         else
-            put_bits(&raw, (uint64_t)(long long)values[i], bytes);
+            put_bits(&raw, (uint64_t)(long long)values[i], width);
     }
     pack(v, &raw, &packed, &head);
     if (v->format >= APPENDED_RAW) {
@@ -629,8 +546,8 @@ static void put_array(vtu *v, const char *type, const char *name, int components
         /* newer VTK puts information behind the values */
         put_text(&v->f, "<InformationKey name=\"L2\" location=\"vtkDataArray\">0</InformationKey></DataArray>\n");
     }
-    file_free(&raw);
-    file_free(&packed);
+    bytes_free(&raw);
+    bytes_free(&packed);
 }
 
 /* One piece: the tets [first, end), the triangle before them, and all nodes. */
@@ -646,19 +563,19 @@ static void put_piece(vtu *v, const char *reals, const char *integers, int first
     put_array(v, "Float32", "heat", 1, values, 5);
     put_text(&v->f, "</PointData>\n<CellData Scalars=\"material\">\n");
     for (int i = 0; i < cells; i++)
-        values[i] = i == 0 ? 9 : regions[first + i - 1];
+        values[i] = i == 0 ? 9 : pair_regions[first + i - 1];
     put_array(v, "Int16", "material", 1, values, cells);
     put_array(v, "Float64", "quality", 1, values, cells);
     put_text(&v->f, "</CellData>\n<Points>\n");
     for (int i = 0; i < 15; i++)
-        values[i] = nodes[i / 3][i % 3];
+        values[i] = pair_nodes[i / 3][i % 3];
     put_array(v, reals, "Points", 3, values, 15);
     put_text(&v->f, "</Points>\n<Cells>\n");
     for (int k = 0; k < 3; k++)
         values[count++] = triangle[k];
     for (int i = first; i < end; i++)
         for (int k = 0; k < 4; k++)
-            values[count++] = tets[i][k];
+            values[count++] = pair_cells[i][k];
     put_array(v, integers, "connectivity", 1, values, count);
     for (int i = 0; i < cells; i++)
         values[i] = 3 + 4 * i;
@@ -692,12 +609,12 @@ static void end_vtu(vtu *v, const char *type)
         put_text(&v->f, "\n</AppendedData>\n");
     }
     put_text(&v->f, "</VTKFile>\n");
-    file_free(&v->appended);
+    bytes_free(&v->appended);
 }
 
 /* All encodings: format, packing, header, byte order, types. `i` in [0, VTU_CASES). */
 enum { VTU_CASES = 96 };
-static void build_vtu(file *f, int i)
+static void build_vtu(bytes *f, int i)
 {
     static const char *const reals[3] = {"Float32", "Float64", "Float64"};
     static const char *const integers[3] = {"Int32", "Int64", "UInt8"};
@@ -718,7 +635,7 @@ static void build_vtu(file *f, int i)
 static void test_vtu_encodings(void)
 {
     for (int i = 0; i < VTU_CASES; i++) {
-        file f;
+        bytes f;
         sb_mesh mesh;
         sb_mesh_sets sets;
         sb_load_report report;
@@ -739,7 +656,7 @@ static void test_vtu_encodings(void)
         }
         if (check.failures != failures)
             printf("  in case %d\n", i);
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
@@ -772,7 +689,7 @@ static void test_vtu_pieces(void)
         } else {
             printf("  line %d: %s\n", error.line, error.message);
         }
-        file_free(&v.f);
+        bytes_free(&v.f);
     }
 }
 
@@ -815,9 +732,9 @@ static void test_vtp(void)
 static const char zlib_text[] = "aaca\nf\neba\naefafcba aaaaebfabf\nbebbfdafabda fbdd\nea\nbefbeeafabee\na\nadebbbabbeeefcaeabfa\n"
                                 "ebf\nefea fabbbacaaaafacbcabedabbcbcdf \n\naade fbcacbfabaeaabffbfbae fadabadaaddbfcaaabfbaebea";
 enum { ZLIB_TEXT = sizeof zlib_text - 1 };
-static void build_packed(file *f, const unsigned char *stream, size_t size, unsigned claimed)
+static void build_packed(bytes *f, const unsigned char *stream, size_t size, unsigned claimed)
 {
-    file head = {NULL, 0, 0, 0};
+    bytes head = {NULL, 0, 0, 0};
     put_text(f, "<VTKFile type='PolyData' byte_order='LittleEndian' compressor='vtkZLibDataCompressor'><PolyData>\n"
                 "<Piece NumberOfPoints='3' NumberOfPolys='180'>\n<CellData><DataArray type='UInt8' Name='material' "
                 "format='binary'>\n");
@@ -833,9 +750,9 @@ static void build_packed(file *f, const unsigned char *stream, size_t size, unsi
         put_text(f, "0 1 2\n");
     put_text(f, "</DataArray><DataArray type='Int32' Name='offsets'>");
     for (int i = 0; i < ZLIB_TEXT; i++)
-        put_int(f, 0, 3 * (i + 1), 4);
+        put_integer(f, 0, 3 * (i + 1), 4);
     put_text(f, "</DataArray></Polys></Piece></PolyData></VTKFile>\n");
-    file_free(&head);
+    bytes_free(&head);
 }
 
 static int is_zlib_text(const sb_mesh *mesh)
@@ -854,7 +771,7 @@ static void test_inflate(void)
         137, 48, 235, 228, 153, 201, 192, 29, 33, 203, 92, 233, 42, 112, 162, 144, 210, 6, 72, 239, 185, 175,
         179, 90, 47, 208, 97, 161, 174, 223, 140, 160, 41, 94, 94, 36, 129, 161, 235, 162, 32, 9, 178, 186,
         115, 95, 193, 223, 118, 244, 3, 31, 183, 63, 216};
-    file f = {NULL, 0, 0, 0};
+    bytes f = {NULL, 0, 0, 0};
     sb_mesh mesh;
     sb_error error;
     int unseen = 0;
@@ -879,7 +796,7 @@ static void test_inflate(void)
         else
             CHECK(result == SB_ERROR_FORMAT && strstr(error.message, "unpacked") && error.line == 3);
         sb_mesh_free(&mesh);
-        file_free(&f);
+        bytes_free(&f);
     }
     CHECK_INT(unseen, 1); /* three bytes change, the checksum does not: zlib unpacks that stream to the same */
 }
@@ -964,7 +881,7 @@ static int block_cells(const block *b, int i, int j, int k, int mirrored, int *o
 
 static int block_has(const block *b, int k) { return b->n * b->n * (k == 0 ? 2 : k == 1 ? 1 : 6); }
 
-static void put_block(file *f, const block *b, int mirrored)
+static void put_block(bytes *f, const block *b, int mirrored)
 {
     int cells = block_has(b, 0) + block_has(b, 1) + block_has(b, 2), out[64];
     int numbers = 7 * block_has(b, 0) + 9 * block_has(b, 1) + 6 * block_has(b, 2);
@@ -985,7 +902,7 @@ static void put_block(file *f, const block *b, int mirrored)
                 for (int k = 0; k < 3; k++)
                     for (int at = 0, used = block_cells(b, i, j, k, mirrored, out); at < used; at += 2 + out[at + 1])
                         for (int a = types ? 0 : 1; a < (types ? 1 : 2 + out[at + 1]); a++)
-                            put_int(f, 0, out[at + a], 4);
+                            put_integer(f, 0, out[at + a], 4);
         put_text(f, "\n");
     }
 }
@@ -999,7 +916,7 @@ static void test_mixed_meshes(void)
         int n = 1 + round % 4, skin = 4 * n * n + 24 * n; /* triangles: bottom and top, 3 layers of 4 sides */
         double bend = round % 3 * 0.03;
         block b;
-        file f = {NULL, 0, 0, 0};
+        bytes f = {NULL, 0, 0, 0};
         sb_mesh mesh;
         sb_mesh_report found;
         sb_load_report report;
@@ -1026,7 +943,7 @@ static void test_mixed_meshes(void)
         } else {
             printf("  round %d, element %d: %s\n", round, error.element, error.message);
         }
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
@@ -1074,13 +991,13 @@ static sb_vec3 shear(double x, double y, double z)
 
 /* A hex20 (or hex27) with a wedge15 (wedge18) beside it and a pyramid13 (pyramid14) on top, curved by a quadratic map:
  * tet10 that hold the map exactly. Nodes are made from VTK's lists of edges and faces. */
-static int put_curved_cell(file *points, file *cells, int *node_count, sb_vec3 *list, const double corners[][3], int corner_count,
+static int put_curved_cell(bytes *points, bytes *cells, int *node_count, sb_vec3 *list, const double corners[][3], int corner_count,
                            const signed char (*edges)[2], int edge_count, const signed char (*faces)[4], int face_count,
                            int with_centre)
 {
     int count = corner_count + edge_count + face_count + with_centre;
     char line[100];
-    put_int(cells, 0, count, 4);
+    put_integer(cells, 0, count, 4);
     for (int i = 0; i < count; i++) {
         double x[3] = {0, 0, 0};
         const signed char *of = i < corner_count + edge_count ? (i < corner_count ? NULL : edges[i - corner_count])
@@ -1098,7 +1015,7 @@ static int put_curved_cell(file *points, file *cells, int *node_count, sb_vec3 *
             snprintf(line, sizeof line, "%.17g %.17g %.17g\n", (double)at.x, (double)at.y, (double)at.z);
             put_text(points, line);
         }
-        put_int(cells, 0, node, 4);
+        put_integer(cells, 0, node, 4);
     }
     put_text(cells, "\n");
     return count + 1;
@@ -1116,7 +1033,7 @@ static void test_curved_cells(void)
     static const signed char wedge_faces[3][4] = {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}};
     static const signed char pyramid_edges[8][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}};
     for (int full = 0; full < 2; full++) { /* 1: with nodes in the middle of faces (a pyramid14 is gmsh's only) */
-        file points = {NULL, 0, 0, 0}, cells = {NULL, 0, 0, 0}, f = {NULL, 0, 0, 0};
+        bytes points = {NULL, 0, 0, 0}, cells = {NULL, 0, 0, 0}, f = {NULL, 0, 0, 0};
         sb_vec3 list[64];
         int node_count = 0, numbers = 0;
         char line[200];
@@ -1151,9 +1068,9 @@ static void test_curved_cells(void)
             printf("  full %d, element %d: %s\n", full, error.element, error.message);
         }
         sb_mesh_free(&mesh);
-        file_free(&points);
-        file_free(&cells);
-        file_free(&f);
+        bytes_free(&points);
+        bytes_free(&cells);
+        bytes_free(&f);
     }
 }
 
@@ -1202,7 +1119,7 @@ static void test_region_fields(void)
     sb_mesh_free(&mesh);
     /* very many fields: the note says so and stays bounded */
     {
-        file f = {NULL, 0, 0, 0};
+        bytes f = {NULL, 0, 0, 0};
         put_text(&f, VTK_PAIR "FIELD f 200\n");
         for (int i = 0; i < 200; i++) {
             snprintf(text, sizeof text, "a_rather_long_name_of_field_%d 1 2 int\n1 2\n", i);
@@ -1211,7 +1128,7 @@ static void test_region_fields(void)
         if (CHECK_OK(load(&f, &mesh, NULL, &report, &error)))
             CHECK(report.ignored == 200 && has_note(&report, "(200)") && has_note(&report, ", ..."));
         sb_mesh_free(&mesh);
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
@@ -1358,7 +1275,7 @@ static void test_errors(void)
 /* Elements in each other without end, attributes without end, and a packed block that would unfold into gigabytes. */
 static void test_hostile_xml(void)
 {
-    file f = {NULL, 0, 0, 0};
+    bytes f = {NULL, 0, 0, 0};
     sb_mesh mesh;
     sb_error error;
     put_text(&f, VTU_HEAD);
@@ -1366,14 +1283,14 @@ static void test_hostile_xml(void)
         put_text(&f, "<a>");
     CHECK_RESULT(load(&f, &mesh, NULL, NULL, &error), SB_ERROR_UNSUPPORTED);
     CHECK(strstr(error.message, "deep") != NULL);
-    file_free(&f);
+    bytes_free(&f);
     put_text(&f, "<VTKFile");
     for (int i = 0; i < 5000; i++)
         put_text(&f, " a=''");
     CHECK_RESULT(load(&f, &mesh, NULL, NULL, &error), SB_ERROR_UNSUPPORTED);
-    file_free(&f);
+    bytes_free(&f);
     for (int i = 0; i < VTU_CASES; i++) { /* every file cut short at some places */
-        file whole;
+        bytes whole;
         build_vtu(&whole, i);
         for (size_t size = (size_t)i % 7; size + 200 < whole.size; size += 97) {
             f = whole;
@@ -1383,7 +1300,7 @@ static void test_hostile_xml(void)
             else
                 CHECK(error.message[0] != 0);
         }
-        file_free(&whole);
+        bytes_free(&whole);
     }
 }
 
@@ -1426,7 +1343,7 @@ static sb_load_options rationed(ration *r, int left)
 
 /* File i of all that are built here. */
 enum { GMSH_FILES = 7, MEDIT_FILES = 9, VTU_FILES = 12, FILES = GMSH_FILES + MEDIT_FILES + VTU_FILES + 2 };
-static void build_file(file *f, int i)
+static void build_file(bytes *f, int i)
 {
     memset(f, 0, sizeof *f);
     if (i < GMSH_FILES) {
@@ -1451,7 +1368,7 @@ static void build_file(file *f, int i)
 static void test_short_files(void)
 {
     for (int i = 0; i < FILES; i++) {
-        file f;
+        bytes f;
         build_file(&f, i);
         for (size_t size = 0; size < 100 && size < f.size; size++) {
             unsigned char *exact = (unsigned char *)malloc(size ? size : 1);
@@ -1467,14 +1384,14 @@ static void test_short_files(void)
             }
             free(exact);
         }
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
 static void test_memory_failures(void)
 {
     for (int i = 0; i < FILES; i++) {
-        file f;
+        bytes f;
         int left, done = 0;
         build_file(&f, i);
         for (left = 0; left < 300 && !done; left++) {
@@ -1503,11 +1420,11 @@ static void test_memory_failures(void)
             CHECK_INT(r.live, 0);
         }
         CHECK(done && left > 3);
-        file_free(&f);
+        bytes_free(&f);
     }
 }
 
-static void mutate(file *f, unsigned long long *state)
+static void mutate(bytes *f, unsigned long long *state)
 {
     static const char *const numbers[] = {"-1", "0", "4000000000", "99999999999999999999", "nan", "1e999", "2147483647", "x"};
     size_t at = (size_t)(check_random(state) * (double)f->size);
@@ -1530,7 +1447,7 @@ static void mutate(file *f, unsigned long long *state)
 }
 
 /* Sound meshes and sets within range, or an error; no leak, and no memory that the file does not account for. */
-static void check_mutant(const file *f, int fix)
+static void check_mutant(const bytes *f, int fix)
 {
     ration r;
     sb_load_options options = rationed(&r, -1);
@@ -1571,7 +1488,7 @@ static void test_mutations(void)
     const int rounds = check_quick() ? 200 : 1200;
     unsigned long long state = 20260724;
     for (int i = 0; i < FILES; i++) {
-        file whole, f = {NULL, 0, 0, 0};
+        bytes whole, f = {NULL, 0, 0, 0};
         build_file(&whole, i);
         for (int round = 0; round < rounds; round++) {
             f.size = 0;
@@ -1580,8 +1497,8 @@ static void test_mutations(void)
                 mutate(&f, &state);
             check_mutant(&f, round % 2);
         }
-        file_free(&f);
-        file_free(&whole);
+        bytes_free(&f);
+        bytes_free(&whole);
     }
 }
 
@@ -1651,7 +1568,60 @@ static void test_real_meshes(void)
         }
         free(values);
         sb_mesh_free(&mesh);
-        file_free(&v.f);
+        bytes_free(&v.f);
+    }
+}
+
+/* ---- files that are something else ------------------------------------------------------------------ */
+
+/* What people have in place of the file that they think of, by its first bytes, and a word of the error. */
+static void test_other_kinds(void)
+{
+    static const char *const starts[][2] = {{"\x1F\x8B\x08", "gzip"}, {"PK\x03\x04\x14", "zip archive"},
+                                            {"7z\xBC\xAF\x27\x1C", "7z"}, {"BZh91AY", "bzip2"},
+                                            {"\xFD" "7zXZ", "xz"}, {"version https://git-lfs.github.com/spec/v1\n", "LFS"},
+                                            {"<!doctype HTML><html>", "web page"}, {"<html><body>", "web page"},
+                                            {"\x89PNG\r\n", "PNG"}, {"%PDF-1.7", "PDF"}, {"\xFF\xFE#", "UTF-16"}};
+    static const char *const names[] = {"a.vtk", "a.vtu", "a.msh", "a.mesh", "a.obj", "a.stl", "a.ply", "a.off", "a"};
+    for (size_t k = 0; k < sizeof starts / sizeof starts[0]; k++) {
+        char content[128];
+        size_t length = strlen(starts[k][0]);
+        sb_image image;
+        sb_error error;
+        memset(content, 0, sizeof content);
+        memcpy(content, starts[k][0], length);
+        for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
+            sb_mesh mesh;
+            CHECK_RESULT(sb_mesh_load_memory(&mesh, content, sizeof content, SB_FILE_AUTO, names[n], NULL, &error),
+                         SB_ERROR_UNSUPPORTED);
+            if (!CHECK(strstr(error.message, starts[k][1]) != NULL))
+                printf("    %s: %s\n", names[n], error.message);
+        }
+        CHECK_RESULT(sb_image_load_memory(&image, content, sizeof content, NULL, NULL, &error), SB_ERROR_UNSUPPORTED);
+        CHECK(strstr(error.message, starts[k][1]) != NULL);
+    }
+}
+
+/* The header of a binary STL file is anybody's. */
+static void test_stl_headers(void)
+{
+    static const char *const headers[] = {"PK\x03\x04", "\x1F\x8B", "<html>", "%PDF", "version https://git-lfs", "solid"};
+    for (size_t k = 0; k < sizeof headers / sizeof headers[0]; k++) {
+        bytes f = {NULL, 0, 0, 0};
+        char header[80];
+        sb_mesh mesh;
+        sb_error error;
+        memset(header, ' ', sizeof header);
+        memcpy(header, headers[k], strlen(headers[k]));
+        put(&f, header, sizeof header);
+        put_int(&f, 1, 4);
+        for (int i = 0; i < 12; i++)
+            put_real(&f, i == 3 || i == 7 || i == 2, 4);
+        put_int(&f, 0, 2);
+        if (CHECK_OK(sb_mesh_load_memory(&mesh, f.data, f.size, SB_FILE_AUTO, "a.stl", NULL, &error)))
+            CHECK_INT(mesh.element_count, 1);
+        sb_mesh_free(&mesh);
+        bytes_free(&f);
     }
 }
 
@@ -1661,5 +1631,6 @@ CHECK_SUITE(meshio_formats, {"gmsh 1, 3 and 4.0", test_gmsh_versions}, {"names o
             {"sets of mixed meshes", test_mixed_sets}, {"curved cells become tet10", test_curved_cells},
             {"fields that are regions", test_region_fields}, {"gmsh's tet10 order is named", test_gmsh_order},
             {"errors say where", test_errors}, {"hostile xml", test_hostile_xml}, {"real meshes as vtu", test_real_meshes},
-            {"short files", test_short_files},
+            {"short files", test_short_files}, {"files that are something else", test_other_kinds},
+            {"headers of binary STL files", test_stl_headers},
             {"failing memory", test_memory_failures}, {"mutations", test_mutations});

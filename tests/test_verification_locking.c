@@ -77,33 +77,6 @@ static shaken shake(verify_map map, const void *user, int nx, int ny, int nz, in
 
 /* ---- the three bodies: what is computed over what is exact, less 1 ---- */
 
-/* Mean outward displacement of the nodes at a radius, from the centre or from axis z. */
-static double outward(const sb_body *body, const sb_mesh *mesh, verify_where where, double radius)
-{
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < mesh->node_count; i++) {
-        sb_vec3 x = mesh->nodes[i];
-        if (!where(&radius, x))
-            continue;
-        if (where == verify_on_cylinder)
-            x.z = 0;
-        sum += (double)sb_v3_dot(sb_body_displacements(body)[i], x) / radius;
-        count++;
-    }
-    CHECK(count > 0);
-    return sum / count;
-}
-
-/* Rollers on the coordinate planes of the first `axes` axes. */
-static void hold_symmetry(sb_body *body, const sb_mesh *mesh, int axes)
-{
-    for (int i = 0; i < mesh->node_count; i++)
-        for (int axis = 0; axis < axes; axis++)
-            if (fabs((double)scene_component(mesh->nodes[i], axis)) < 1e-6)
-                CHECK_OK(sb_body_fix_nodes(body, &i, 1, 1 << axis));
-}
-
 static sb_body *soft_body(const sb_mesh *mesh, const verify_element *element, double poisson)
 {
     return verify_body(mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
@@ -120,12 +93,12 @@ static double tube_error(const verify_element *element, double poisson, int dist
     sb_mesh mesh = verify_block(element->type, 5, 9, 1, map_shaken, &s, 0);
     sb_body *body = soft_body(&mesh, element, poisson);
     sb_check_report report;
-    hold_symmetry(body, &mesh, 2);
+    verify_hold_symmetry(body, &mesh, 2);
     for (int i = 0; i < mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_Z));
     verify_load(body, &mesh, verify_on_cylinder, &a, verify_pressure, &pressure);
     verify_solve(body);
-    found = outward(body, &mesh, verify_on_cylinder, a);
+    found = verify_outward(body, &mesh, verify_on_cylinder, a);
     CHECK_OK(sb_body_check(body, &report));
     CHECK_INT((report.warnings & SB_CHECK_LOCKING) != 0, poisson > (double)report.locking_limit + 1e-4);
     verify_free(body, &mesh);
@@ -153,10 +126,10 @@ static double sphere_error(const verify_element *element, double poisson, int di
     }
     CHECK_OK(sb_mesh_merge_nodes(&whole, REAL(-1), NULL, NULL));
     body = soft_body(&whole, element, poisson);
-    hold_symmetry(body, &whole, 3);
+    verify_hold_symmetry(body, &whole, 3);
     verify_load(body, &whole, verify_on_sphere, &a, verify_pressure, &pressure);
     verify_solve(body);
-    found = outward(body, &whole, verify_on_sphere, a);
+    found = verify_outward(body, &whole, verify_on_sphere, a);
     verify_free(body, &whole);
     return found / exact - 1;
 }
@@ -184,7 +157,7 @@ static double block_error(const verify_element *element, double poisson, int dis
     while (at < POISSONS - 1 && poissons[at] < poisson)
         at++;
     scene_fix_plane(body, &mesh, 2, 0, SB_XYZ);
-    hold_symmetry(body, &mesh, 2);
+    verify_hold_symmetry(body, &mesh, 2);
     verify_load(body, &mesh, on_patch, NULL, verify_pressure, &pressure);
     verify_solve(body);
     CHECK_OK(sb_body_energy(body, &energy));

@@ -70,33 +70,6 @@ static double stress_error(const sb_body *body, const sb_mesh *mesh, stress_fiel
     return sqrt(error / size);
 }
 
-/* Mean outward displacement of the nodes at `radius`, from the centre or from axis z. */
-static double radial_displacement(const sb_body *body, const sb_mesh *mesh, verify_where where, double radius)
-{
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < mesh->node_count; i++) {
-        sb_vec3 x = mesh->nodes[i];
-        if (!where(&radius, x))
-            continue;
-        if (where == verify_on_cylinder)
-            x.z = 0;
-        sum += (double)sb_v3_dot(sb_body_displacements(body)[i], x) / radius;
-        count++;
-    }
-    CHECK(count > 0);
-    return sum / count;
-}
-
-/* A quarter ring has rollers at y = 0 and x = 0; an octant at z = 0 as well. */
-static void hold_symmetry(sb_body *body, const sb_mesh *mesh, int axes)
-{
-    for (int i = 0; i < mesh->node_count; i++)
-        for (int axis = 0; axis < axes; axis++)
-            if (fabs((double)scene_component(mesh->nodes[i], axis)) < 1e-6)
-                CHECK_OK(sb_body_fix_nodes(body, &i, 1, 1 << axis));
-}
-
 /* ---- Lame ---- */
 
 typedef struct lame {
@@ -152,14 +125,14 @@ static void test_cylinder(void)
             verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
-        hold_symmetry(body, &mesh, 2);
+        verify_hold_symmetry(body, &mesh, 2);
         hold_everywhere(body, SB_Z);
         verify_load(body, &mesh, verify_on_cylinder, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
         snprintf(name, sizeof name, "thick cylinder b/a = 2, nu %g, quarter, %dx%d", c.poisson,
                  choice->across, choice->around);
         verify(name, choice->element, source, "u(a) (m)", cylinder_displacement(&c),
-               radial_displacement(body, &mesh, verify_on_cylinder, c.inner), choice->bound);
+               verify_outward(body, &mesh, verify_on_cylinder, c.inner), choice->bound);
         verify(name, choice->element, source,
                c.poisson > 0.45 ? "deviator error, rms, relative" : "stress error, rms, relative", 0,
                stress_error(body, &mesh, cylinder_stress, &c, c.poisson > 0.45), choice->stress_bound);
@@ -206,13 +179,13 @@ static void test_sphere(void)
             verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
-        hold_symmetry(body, &mesh, 3);
+        verify_hold_symmetry(body, &mesh, 3);
         verify_load(body, &mesh, verify_on_sphere, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
         snprintf(name, sizeof name, "thick sphere b/a = 2, nu %g, octant, 3 of %dx%dx%d", c.poisson,
                  choice->across, choice->around, choice->around);
         verify(name, choice->element, source, "u(a) (m)", sphere_displacement(&c),
-               radial_displacement(body, &mesh, verify_on_sphere, c.inner), choice->bound);
+               verify_outward(body, &mesh, verify_on_sphere, c.inner), choice->bound);
         verify(name, choice->element, source,
                c.poisson > 0.45 ? "deviator error, rms, relative" : "stress error, rms, relative", 0,
                stress_error(body, &mesh, sphere_stress, &c, c.poisson > 0.45), choice->stress_bound);
@@ -296,7 +269,7 @@ static void test_kirsch(void)
         sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(c.poisson), 1000));
         double edge = 0;
         char name[80];
-        hold_symmetry(body, &mesh, 2);
+        verify_hold_symmetry(body, &mesh, 2);
         hold_everywhere(body, SB_Z);
         verify_load(body, &mesh, verify_on_cylinder, &c.outer, kirsch_traction, &c);
         verify_solve(body);
@@ -328,7 +301,7 @@ static void goodier_case(const mesh_choice *choice)
     char name[80];
     sb_mesh mesh = verify_octant(element->type, inner, outer, choice->across, choice->around);
     sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
-    hold_symmetry(body, &mesh, 3);
+    verify_hold_symmetry(body, &mesh, 3);
     verify_load(body, &mesh, verify_on_sphere, &outer, axial_traction, &tension);
     verify_solve(body);
     snprintf(name, sizeof name, "spherical hole in a ball of 10 radii, octant, 3 of %dx%dx%d", choice->across,
@@ -395,7 +368,7 @@ static void test_hanging_bar(void)
         def = verify_def(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
         def.gravity = sb_v3(0, 0, REAL(-gravity));
         body = scene_body(&def);
-        hold_symmetry(body, &mesh, 2);
+        verify_hold_symmetry(body, &mesh, 2);
         for (int i = 0; i < mesh.node_count; i++)
             if (mesh.nodes[i].x == 0 && mesh.nodes[i].y == 0 && verify_on_plane(&top, mesh.nodes[i]))
                 CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_Z));
@@ -554,7 +527,7 @@ static void test_bonded_disc(void)
 static double inflate(sb_body *body, const sb_mesh *mesh, double inner, double stretch)
 {
     double force = 0;
-    hold_symmetry(body, mesh, 3);
+    verify_hold_symmetry(body, mesh, 3);
     for (int i = 0; i < mesh->node_count; i++) {
         sb_vec3 u = sb_v3_scale(REAL(stretch - 1), mesh->nodes[i]);
         if (verify_on_sphere(&inner, mesh->nodes[i]))

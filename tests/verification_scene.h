@@ -618,6 +618,33 @@ static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, veri
 
 /* ---- loads ---- */
 
+/* Mean outward displacement of the nodes at a radius, from the centre or from axis z. */
+static inline double verify_outward(const sb_body *body, const sb_mesh *mesh, verify_where where, double radius)
+{
+    double sum = 0;
+    int count = 0;
+    for (int i = 0; i < mesh->node_count; i++) {
+        sb_vec3 x = mesh->nodes[i];
+        if (!where(&radius, x))
+            continue;
+        if (where == verify_on_cylinder)
+            x.z = 0;
+        sum += (double)sb_v3_dot(sb_body_displacements(body)[i], x) / radius;
+        count++;
+    }
+    CHECK(count > 0);
+    return sum / count;
+}
+
+/* Rollers on the coordinate planes of the first `axes` axes. */
+static inline void verify_hold_symmetry(sb_body *body, const sb_mesh *mesh, int axes)
+{
+    for (int i = 0; i < mesh->node_count; i++)
+        for (int axis = 0; axis < axes; axis++)
+            if (fabs((double)scene_component(mesh->nodes[i], axis)) < 1e-6)
+                CHECK_OK(sb_body_fix_nodes(body, &i, 1, 1 << axis));
+}
+
 /* Traction (Pa) at x, on reference area with the outward normal n. */
 typedef sb_vec3 (*verify_traction)(const void *user, sb_vec3 x, sb_vec3 n);
 

@@ -190,7 +190,7 @@ static sb_result regi_xyz_point(regi_xyz *xyz, int *with_normals)
 static sb_result regi_xyz_read(sbi_loader *loader)
 {
     sbi_reader *reader = &loader->reader;
-    sb_result result = sbi_reader_check_text(reader);
+    sb_result result = sbi_reader_check_kind(reader);
     int with_normals = 0, is_first = 1;
     regi_xyz xyz;
     xyz.loader = loader;
@@ -198,6 +198,8 @@ static sb_result regi_xyz_read(sbi_loader *loader)
     xyz.declared = -1;
     xyz.declared_line = 0;
     reader->comment = '#';
+    if (!result)
+        result = sbi_reader_check_text(reader);
     for (; reader->at < reader->size && !result; sbi_reader_next_line(reader)) {
         if (regi_xyz_is_empty(reader))
             continue;

@@ -266,7 +266,7 @@ static sb_result regi_match_check_look(reg_match *match)
 static sb_result regi_match_solve(reg_match *match, sbi_step *step)
 {
     double begin = regi_match_now(match);
-    sb_result result = sbi_step_solve(step, NULL, 0);
+    sb_result result = sbi_step_solve(step);
     match->info.pcg_iterations = step->info->pcg_iterations;
     match->info.seconds_solve = regi_match_now(match) - begin;
     if (result != SB_OK)

@@ -2,6 +2,7 @@
 #include "body.h"
 #include "body_private.h"
 #include "live_private.h"
+#include "state_part.h"
 
 #include <string.h>
 
@@ -26,31 +27,6 @@ SB_API sb_body_def sb_default_body_def(void)
     def.newton_tolerance = (sb_real)1e-6;
     def.cookie = SBI_BODY_COOKIE;
     return def;
-}
-
-/* ---- the observer ---- */
-
-SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
-                           const sb_real *reals, size_t real_count)
-{
-    sbi_command command;
-    if (!body->observe)
-        return;
-    memset(&command, 0, sizeof command);
-    command.code = code;
-    command.a = a;
-    command.b = b;
-    command.ints = ints;
-    command.int_count = int_count;
-    command.reals = reals;
-    command.real_count = real_count;
-    body->observe(body->observer, &command);
-}
-
-SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
-{
-    if (body->observe)
-        body->observe(body->observer, command);
 }
 
 /* ---- creation: arguments ---- */
@@ -397,6 +373,7 @@ SB_API void sb_body_destroy(sb_body *body)
     sbi_free(&allocator, body->topology_memory);
     sbi_free(&allocator, body->memory);
     sbi_live_destroy(body);
+    sbi_state_parts_free(body);
     sbi_free(&allocator, body);
 }
 

@@ -18,6 +18,9 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
+SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
+SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);

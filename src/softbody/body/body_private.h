@@ -88,6 +88,8 @@ typedef enum sbi_command_code {
     SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
     SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
     SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -114,6 +116,7 @@ struct sb_body {
     /* Hears of every call that changed the body (of solves also when they failed), after the change; or NULL. */
     void (*observe)(void *observer, const sbi_command *command);
     void *observer;
+    struct sbi_state_parts *parts; /* what others save with it, see state_part.h; or NULL */
     sb_jobs jobs;
     sb_clock clock;
 
@@ -241,6 +244,8 @@ SBI_API sbi_elimination_setup sbi_body_elimination_setup(const sb_body *body, co
 /* Makes and takes: all or nothing. */
 SBI_API sb_result sbi_body_extend_pattern(sb_body *body, int cell_count, const int *cell_start, const int *cells,
                                           sb_error *error);
+/* 1: an observer hears of calls. */
+SBI_API int sbi_body_is_heard(const sb_body *body);
 /* Tells the observer, if there is one, of a command without bytes. */
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count);
@@ -293,8 +298,8 @@ SBI_API void sbi_body_materials_changed(sb_body *body);
 /* The largest Poisson's ratio of its materials. */
 SBI_API sb_real sbi_body_poisson(const sb_body *body);
 /* Updates a preconditioner of the body's, with what its materials are by now. */
-SBI_API sb_result sbi_body_update_precond(const sb_body *body, sb_preconditioner *precond, const sb_matrix *matrix,
-                                          sb_error *error);
+SBI_API sb_result sbi_body_update_precond(sb_body *body, sb_preconditioner *precond, sb_matrix *matrix,
+                                          const sbi_guests *guests, sb_error *error);
 /* The reference mesh as others see it; borrowed arrays. */
 SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 /* Diagonal of the bounding box (m). */

@@ -732,6 +732,8 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->list_bytes = live->list_bytes;
     live->spare = NULL;
     live->lists = NULL;
+    body->parts = old.parts;
+    next->parts = NULL;
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;

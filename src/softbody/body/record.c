@@ -6,7 +6,7 @@
  * and a command is
  *     code, a, b, int count (4 bytes each), real count, byte count (8 each) | ints | reals | bytes
  * Bytes of a step or static solve: hash of the state, hashes of the displacements of 16 ranges of nodes, and maybe the
- * displacements. */
+ * displacements: of as many nodes as the body has then. */
 #include "record.h"
 
 #include <string.h>
@@ -15,6 +15,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "state_part.h"
 #include "../base/output.h"
 
 enum {
@@ -105,7 +106,7 @@ static uint64_t sbi_record_range_hash(const sb_vec3 *displacement, int node_coun
 
 static int sbi_record_is_solve(sbi_command_code code)
 {
-    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC;
+    return code == SBI_COMMAND_STEP || code == SBI_COMMAND_STATIC || code == SBI_COMMAND_PART_STEP;
 }
 
 /* Where a solve led; sized by sbi_record_outcome_size. */
@@ -114,8 +115,8 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
     const sb_body *body = recording->body;
     sbi_record_put(recording, sb_body_state_hash(body), 8);
     for (int k = 0; k < SBI_RECORD_RANGES; k++)
-        sbi_record_put(recording, sbi_record_range_hash(body->displacement, recording->node_count, k), 8);
-    for (int i = 0; size > SBI_RECORD_OUTCOME && i < recording->node_count; i++) {
+        sbi_record_put(recording, sbi_record_range_hash(body->displacement, body->domain.node_count, k), 8);
+    for (int i = 0; size > SBI_RECORD_OUTCOME && i < body->domain.node_count; i++) {
         sbi_record_put_real(recording, body->displacement[i].x);
         sbi_record_put_real(recording, body->displacement[i].y);
         sbi_record_put_real(recording, body->displacement[i].z);
@@ -125,7 +126,7 @@ static void sbi_record_put_outcome(sb_recording *recording, size_t size)
 static size_t sbi_record_outcome_size(const sb_recording *recording)
 {
     int full = recording->positions_every > 0 && recording->steps % recording->positions_every == 0;
-    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->node_count * sizeof(sb_vec3) : 0);
+    return SBI_RECORD_OUTCOME + (full ? (size_t)recording->body->domain.node_count * sizeof(sb_vec3) : 0);
 }
 
 static int sbi_record_append(sb_recording *recording, const sbi_command *command)
@@ -293,8 +294,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE;
-                * with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
+                * body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -517,6 +518,11 @@ static sb_result sbi_play_place(sb_body *body, const sbi_command *c, sb_error *e
     return sbi_body_replay_place(body, c->ints, sbi_record_vectors(c), error);
 }
 
+static sb_result sbi_play_part(sb_body *body, const sbi_command *c, sb_error *error)
+{
+    return sbi_state_parts_replay(body, c->ints, c->int_count, c->reals, c->real_count, error);
+}
+
 static sb_result sbi_play_remove_load(sb_body *body, const sbi_command *c, sb_error *error)
 {
     (void)error;
@@ -619,6 +625,8 @@ static const sbi_record_rule sbi_record_rules[] = {
     {SBI_COMMAND_CHANGE, "change of the mesh", SBI_INTS_ANY, SBI_REALS_ANY, sbi_change_replay},
     {SBI_COMMAND_PLACE, "place", SBI_PLACE_INTS, SBI_REALS_PER_NODE, sbi_play_place},
     {SBI_COMMAND_LINES, "lines", 0, SBI_REALS_ANY, sbi_play_lines},
+    {SBI_COMMAND_PART, "command of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
+    {SBI_COMMAND_PART_STEP, "step of a part", SBI_INTS_ANY, SBI_REALS_ANY, sbi_play_part},
 };
 
 static const sbi_record_rule *sbi_record_find_rule(int code)
@@ -630,21 +638,22 @@ static const sbi_record_rule *sbi_record_find_rule(int code)
 }
 
 /* 1 when the counts are those of the rule. */
-static int sbi_record_fits(const sb_recording *recording, const sbi_record_rule *rule, const sbi_command *c)
+static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 {
-    size_t reals = (size_t)rule->reals, full = SBI_RECORD_OUTCOME + (size_t)recording->node_count * sizeof(sb_vec3);
+    size_t reals = (size_t)rule->reals;
     if (rule->ints != SBI_INTS_ANY && c->int_count != (size_t)rule->ints)
         return 0;
     if (rule->reals == SBI_REALS_PER_INT)
         reals = c->b == 1 ? 3 : 3 * c->int_count;
     if (rule->reals == SBI_REALS_PER_NODE)
-        reals = 3 * (size_t)recording->node_count;
+        reals = c->real_count / 3 * 3;
     if (rule->reals == SBI_REALS_ANY)
         reals = c->real_count;
     if (c->real_count != reals)
         return 0;
     if (sbi_record_is_solve(rule->code)) /* a: a result, 0 or negative */
-        return c->a <= 0 && c->a > -64 && (c->byte_count == SBI_RECORD_OUTCOME || c->byte_count == full);
+        return c->a <= 0 && c->a > -64 && c->byte_count >= SBI_RECORD_OUTCOME &&
+               (c->byte_count - SBI_RECORD_OUTCOME) % sizeof(sb_vec3) == 0;
     return c->byte_count == 0 || rule->code == SBI_COMMAND_STATE;
 }
 
@@ -686,7 +695,7 @@ static int sbi_record_next(sbi_record_cursor *cursor)
     cursor->reals = cursor->ints + 4 * (size_t)ints;
     cursor->command.bytes = cursor->reals + (size_t)reals * sizeof(sb_real);
     cursor->at += used;
-    return cursor->rule && sbi_record_fits(recording, cursor->rule, &cursor->command);
+    return cursor->rule && sbi_record_fits(cursor->rule, &cursor->command);
 }
 
 static sbi_record_cursor sbi_record_begin(const sb_recording *recording)
@@ -820,16 +829,17 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 }
 
 /* Finds where the displacements leave those of the recording. */
-static void sbi_record_locate(const sb_recording *recording, const sb_body *body, const unsigned char *outcome,
-                              size_t size, sb_recording_report *report)
+static void sbi_record_locate(const sb_body *body, const unsigned char *outcome, size_t size,
+                              sb_recording_report *report)
 {
-    int n = recording->node_count;
+    int n = body->domain.node_count;
+    int has_positions = size == SBI_RECORD_OUTCOME + (size_t)n * sizeof(sb_vec3);
     for (int k = 0; k < SBI_RECORD_RANGES && report->first_node < 0; k++)
         if (sbi_get_bytes(outcome + 8 * (k + 1), 8) != sbi_record_range_hash(body->displacement, n, k)) {
             report->first_node = sbi_record_range_start(n, k);
             report->last_node = sbi_record_range_start(n, k + 1) - 1;
         }
-    for (int i = report->first_node; size > SBI_RECORD_OUTCOME && i >= 0 && i <= report->last_node; i++) {
+    for (int i = report->first_node; has_positions && i >= 0 && i <= report->last_node; i++) {
         sb_vec3 then = sbi_record_position(outcome + SBI_RECORD_OUTCOME, i), now = body->displacement[i];
         if (sbi_real_bits(then.x) != sbi_real_bits(now.x) || sbi_real_bits(then.y) != sbi_real_bits(now.y) ||
             sbi_real_bits(then.z) != sbi_real_bits(now.z)) {
@@ -853,7 +863,7 @@ static sb_result sbi_record_compare(const sbi_record_cursor *cursor, const sb_bo
     report->actual = actual;
     report->expected_hash = expected;
     report->actual_hash = hash;
-    sbi_record_locate(cursor->recording, body, c->bytes, c->byte_count, report);
+    sbi_record_locate(body, c->bytes, c->byte_count, report);
     memcpy(reason, report->error.message, sizeof reason);
     if ((int)actual != c->a)
         return sbi_fail_node(&report->error, SB_ERROR_STATE, report->first_node, "step %d gave %s, not %s: %.120s",
@@ -873,7 +883,10 @@ static sb_result sbi_record_play(sbi_record_cursor *cursor, sb_body *body, sb_re
     char reason[256];
     sb_result result;
     memset(&report->error, 0, sizeof report->error);
-    result = rule->play(body, &cursor->command, &report->error);
+    if (rule->reals == SBI_REALS_PER_NODE && cursor->command.real_count != 3 * (size_t)body->domain.node_count)
+        result = sbi_record_refuse_counts(&cursor->command, &report->error);
+    else
+        result = rule->play(body, &cursor->command, &report->error);
     if (sbi_record_is_solve(rule->code))
         return sbi_record_compare(cursor, body, result, report);
     if (result == SB_OK)

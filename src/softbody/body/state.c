@@ -8,6 +8,7 @@
 #include "constraint.h"
 #include "live_private.h"
 #include "load.h"
+#include "state_part.h"
 #include "../base/output.h"
 #include "step_explicit.h"
 
@@ -87,6 +88,7 @@ typedef struct sbi_state_walk {
     const unsigned char *in; /* CHECK, RESERVE, READ */
     size_t used, size;       /* bytes: passed so far, of in */
     int overflow;            /* MEASURE: used does not fit size_t */
+    int plain;               /* 1: for this body alone: what it is made of and what others keep are left out */
     uint64_t hash;
     sb_result result;        /* the first failure; what comes after it is 0 */
     sb_error *error;
@@ -96,6 +98,7 @@ typedef struct sbi_state_walk {
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
+    const unsigned char *others; /* the parts that others keep */
     int terms;               /* most Prony terms of a material; of the body in passes over one */
     int has_fibres;          /* 1: some material has */
     const unsigned char *fixed; /* [node_count] */
@@ -165,6 +168,30 @@ static sb_vec3 sbi_state_vector(sbi_state_walk *walk, sb_vec3 value)
     return value;
 }
 
+/* 1: numbers lie in memory as in an image. */
+static int sbi_state_is_little_endian(void)
+{
+    const uint32_t one = 1;
+    unsigned char first;
+    memcpy(&first, &one, 1);
+    return first == 1;
+}
+
+/* Passes an array of numbers at once: gives it away, takes it over, or steps past it. 0: it has to be passed number by
+ * number, to be hashed or checked, or because the machine orders bytes in another way. */
+static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_t size)
+{
+    if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
+        !sbi_state_is_little_endian())
+        return 0;
+    if (walk->pass == SBI_STATE_WRITE)
+        memcpy(walk->out + walk->used, array, count * size);
+    if (walk->pass == SBI_STATE_READ)
+        memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
 /* What the image and the body must agree on. */
 static void sbi_state_same(sbi_state_walk *walk, uint64_t value, const char *name)
 {
@@ -180,6 +207,8 @@ enum { SBI_STATE_ANY = 0, SBI_STATE_FINITE = 1 };
 /* A vector per node. ANY: arithmetic may have overflowed there, and every solve looks out for it. */
 static void sbi_state_vectors(sbi_state_walk *walk, sb_vec3 *vectors, int count, int kind, const char *name)
 {
+    if (sbi_state_bulk(walk, vectors, (size_t)count, sizeof *vectors))
+        return;
     for (int i = 0; i < count && walk->result == SB_OK; i++) {
         sb_vec3 v = sbi_state_vector(walk, vectors[i]);
         if (walk->pass == SBI_STATE_CHECK && kind == SBI_STATE_FINITE && walk->result == SB_OK && !sb_v3_is_finite(v))
@@ -915,6 +944,8 @@ static void sbi_state_motion(sb_body *body, sbi_state_walk *walk)
     sbi_state_vectors(walk, body->displacement, n, SBI_STATE_FINITE, "displacement");
     sbi_state_vectors(walk, body->velocity, n, SBI_STATE_FINITE, "velocity");
     sbi_state_vectors(walk, body->acceleration, n, SBI_STATE_FINITE, "acceleration");
+    if (current && sbi_state_bulk(walk, body->internal, (size_t)n, sizeof(sb_vec3)))
+        n = 0;
     for (int i = 0; i < n && walk->result == SB_OK; i++) {
         sb_vec3 force = sbi_state_vector(walk, current ? body->internal[i] : sb_v3(0, 0, 0));
         if (walk->pass == SBI_STATE_READ)
@@ -955,7 +986,8 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
 {
     const sbi_assembly *assembly = &body->assembly;
     int cells = body->domain.cell_count, points = body->domain.points_per_cell;
-    for (int e = 0; e < cells && walk->result == SB_OK; e++)
+    int one_by_one = !sbi_state_bulk(walk, assembly->rotations, (size_t)cells * (size_t)points, sizeof(sb_quat));
+    for (int e = 0; one_by_one && e < cells && walk->result == SB_OK; e++)
         for (int p = 0; p < points; p++) {
             sb_quat *at = assembly->rotations + (size_t)e * (size_t)points + (size_t)p;
             sb_quat q = sbi_state_rotation(walk, *at, e);
@@ -964,8 +996,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
         }
     for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
-        sb_quat q = sbi_state_rotation(
-            walk, sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]), e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        if (!sbi_state_bulk(walk, &q, 1, sizeof q))
+            q = sbi_state_rotation(walk, q, e);
         if (walk->pass != SBI_STATE_READ)
             continue;
         at[0] = q.w;
@@ -1065,11 +1098,29 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
         sbi_state_put_int(walk, slots->stack ? slots->stack + k : NULL, 0, slots->fresh - 1, "free slot");
 }
 
+/* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
+static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
+{
+    size_t corners = (size_t)n * sizeof(int);
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+        return 0;
+    if (walk->pass == SBI_STATE_MEASURE)
+        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
+    for (int e = 0; e < mesh->cells.end; e++) {
+        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
+        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
+        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    }
+    return 1;
+}
+
 /* What follows the counts; `store` has the image's values go into the mesh. */
 static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int n, int materials)
 {
     sbi_state_slot_stack(walk, &mesh->nodes);
     sbi_state_slot_stack(walk, &mesh->cells);
+    if (sbi_state_put_mesh(walk, mesh, n))
+        return;
     for (int i = 0; i < mesh->nodes.end && walk->result == SB_OK; i++)
         sbi_state_put_vector(walk, mesh->positions + i, SBI_STATE_FINITE, "rest position");
     for (int e = 0; e < mesh->cells.end && walk->result == SB_OK; e++) {
@@ -1180,19 +1231,19 @@ static int sbi_state_same_mesh(const sb_body *body, const sbi_live_mesh *mesh)
 
 /* A room that gives bodies something to remember adds its part here: a function and a number of its own. The order is
  * that of the image; materials come before what depends on them. */
-typedef struct sbi_state_part {
+typedef struct sbi_state_own {
     int number;
     void (*walk)(sb_body *body, sbi_state_walk *walk);
-} sbi_state_part;
+} sbi_state_own;
 
-static const sbi_state_part sbi_state_parts[] = {
+static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
     {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
     {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
     {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
     {14, sbi_state_guard},    {8, sbi_state_precond},
 };
-enum { SBI_STATE_PARTS = sizeof sbi_state_parts / sizeof sbi_state_parts[0], SBI_STATE_VERSION = 2 };
+enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
 static const char sbi_state_magic[9] = "SBSTATE\x1A";
 
@@ -1200,14 +1251,31 @@ static void sbi_state_run(sb_body *body, sbi_state_walk *walk, sbi_state_pass pa
 {
     walk->pass = pass;
     walk->used = pass == SBI_STATE_HASH ? 0 : SBI_IMAGE_HEAD;
-    for (int i = 0; i < SBI_STATE_PARTS && walk->result == SB_OK; i++) {
-        const sbi_state_part *part = sbi_state_parts + i;
-        if (part->walk == sbi_state_live && !body->live)
+    for (int i = 0; i < SBI_STATE_OWNS && walk->result == SB_OK; i++) {
+        const sbi_state_own *part = sbi_state_owns + i;
+        if ((part->walk == sbi_state_live && !body->live) || (part->walk == sbi_state_make && walk->plain))
             continue;
         sbi_state_int(walk, part->number, part->number, part->number, "part");
         if (walk->result == SB_OK)
             part->walk(body, walk);
     }
+}
+
+/* What others keep about the body, behind its own parts. */
+static void sbi_state_put_parts(const sb_body *body, sbi_state_walk *walk)
+{
+    sbi_state_out out;
+    if (walk->plain)
+        return;
+    memset(&out, 0, sizeof out);
+    out.bytes = walk->pass == SBI_STATE_WRITE ? walk->out : NULL;
+    out.used = walk->used;
+    out.hashes = walk->pass == SBI_STATE_HASH;
+    out.hash = walk->hash;
+    sbi_state_parts_put(body, &out);
+    walk->used = out.used;
+    walk->overflow |= out.overflow;
+    walk->hash = out.hash;
 }
 
 /* A walk that only reads the body. Parts take bodies that they may change, so they get a copy of the struct; its
@@ -1243,6 +1311,7 @@ SB_API size_t sb_body_state_size(const sb_body *body)
     if (!body)
         return 0;
     sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    sbi_state_put_parts(body, &walk);
     walk.overflow |= !sbi_size_add(&walk.used, SBI_IMAGE_TAIL, 1);
     return walk.overflow ? 0 : walk.used;
 }
@@ -1255,6 +1324,7 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
         return SB_ERROR_ARGUMENT;
     walk.out = (unsigned char *)buffer;
     sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
+    sbi_state_put_parts(body, &walk);
     sbi_image_seal(walk.out, needed, sbi_state_magic, SBI_STATE_VERSION);
     return SB_OK;
 }
@@ -1262,16 +1332,34 @@ SB_API sb_result sb_body_state_save(const sb_body *body, void *buffer, size_t si
 SB_API uint64_t sb_body_state_hash(const sb_body *body)
 {
     sbi_state_walk walk = sbi_state_begin();
-    if (body)
+    if (body) {
         sbi_state_run_const(body, &walk, SBI_STATE_HASH);
+        sbi_state_put_parts(body, &walk);
+    }
     return walk.hash;
+}
+
+SBI_API size_t sbi_body_snapshot_size(const sb_body *body)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    sbi_state_run_const(body, &walk, SBI_STATE_MEASURE);
+    return walk.overflow ? 0 : walk.used;
+}
+
+SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.out = (unsigned char *)buffer;
+    sbi_state_run_const(body, &walk, SBI_STATE_WRITE);
 }
 
 /* Tells a recording what was loaded. */
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!body->observe)
+    if (!sbi_body_is_heard(body))
         return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
@@ -1280,19 +1368,26 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     body->observe(body->observer, &command);
 }
 
-/* All passes of an image over a body that has its mesh. */
-static sb_result sbi_state_pass_image(sb_body *body, sbi_state_walk *walk, sb_error *error)
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
+ * place it will take; they are ready to load then. */
+static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
+    int joined = 0;
     sbi_state_run_const(body, walk, SBI_STATE_CHECK);
-    if (walk->result == SB_OK && walk->used != walk->size)
-        walk->result = sbi_fail(error, SB_ERROR_FORMAT, "the saved state holds %lu bytes too many",
-                                (unsigned long)(walk->size - walk->used));
+    if (walk->result == SB_OK && !walk->plain) {
+        walk->others = walk->in + walk->used;
+        walk->result = sbi_state_parts_check(owner, body, walk->others, walk->size - walk->used, error);
+        joined = walk->result == SB_OK;
+    }
     if (walk->result == SB_OK)
         sbi_state_run(body, walk, SBI_STATE_RESERVE);
-    if (walk->result != SB_OK)
+    if (walk->result != SB_OK) {
+        if (joined)
+            sbi_state_parts_give_up(owner);
         sbi_state_drop(body, walk);
-    else
+    } else {
         sbi_state_run(body, walk, SBI_STATE_READ);
+    }
     return walk->result;
 }
 
@@ -1307,13 +1402,13 @@ static sb_result sbi_state_pass_live(sb_body *body, sbi_state_walk *walk, sb_err
     result = sbi_state_read_mesh(body, walk, &mesh, error);
     if (result == SB_OK && sbi_state_same_mesh(body, &mesh)) {
         sbi_live_mesh_free(body, &mesh);
-        return sbi_state_pass_image(body, walk, error);
+        return sbi_state_pass_image(body, body, walk, error);
     }
     if (result == SB_OK)
         result = sbi_live_build(body, &mesh, &next, error);
     sbi_live_mesh_free(body, &mesh);
     if (result == SB_OK)
-        result = sbi_state_pass_image(next, walk, error);
+        result = sbi_state_pass_image(next, body, walk, error);
     if (result != SB_OK) {
         sb_body_destroy(next);
         return result;
@@ -1341,10 +1436,22 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
         return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
                                                        : "the state is of a body whose mesh does not change: def.slack "
                                                          "is not 0 here");
-    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, &walk, error);
-    if (walk.result == SB_OK)
-        sbi_state_tell(body, walk.in, size);
-    return walk.result;
+    walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
+    if (walk.result != SB_OK)
+        return walk.result;
+    sbi_state_parts_load(body, walk.others);
+    sbi_state_tell(body, walk.in, size);
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_body_rewind(sb_body *body, const void *snapshot, size_t size, sb_error *error)
+{
+    sbi_state_walk walk = sbi_state_begin();
+    walk.plain = 1;
+    walk.in = (const unsigned char *)snapshot;
+    walk.size = size;
+    walk.error = error;
+    return body->live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
 }
 
 SB_API sb_result sb_body_state_save_file(const sb_body *body, const char *path, sb_error *error)

@@ -44,7 +44,7 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
         return result;
     step->kind = SB_TANGENT_QUASI; /* in A already, of a linearised step */
     if (!step->linearised) {
-        step->done = sbi_step_is_converged(step);
+        step->done = sbi_step_is_converged(step) && (step->guests.count == 0 || step->guests_begun);
         if (!step->done && step->iteration == step->max_newton) {
             if (!step->dynamic || step->moves_supports)
                 return SB_ERROR_NOT_CONVERGED;
@@ -58,13 +58,13 @@ SBI_API sb_result sbi_step_linearise(sbi_step *step)
     return sbi_step_project(step, sbi_step_make_system(step));
 }
 
-SBI_API sb_result sbi_step_solve(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve(sbi_step *step)
 {
-    sb_result result = sbi_step_solve_system(step, guests, guest_count);
+    sb_result result = sbi_step_solve_system(step);
     if (result == SB_ERROR_INDEFINITE && step->kind == SB_TANGENT_EXACT) {
         result = sbi_step_project(step, result);
         if (result == SB_OK)
-            result = sbi_step_solve_system(step, guests, guest_count);
+            result = sbi_step_solve_system(step);
     }
     return sbi_step_project(step, result);
 }
@@ -93,7 +93,7 @@ SBI_API sb_result sbi_step_iterate(sbi_step *step, sb_result begun)
 {
     sb_result result = begun;
     while (result == SB_OK && !step->done) {
-        result = sbi_step_solve(step, NULL, 0);
+        result = sbi_step_solve(step);
         if (result == SB_OK)
             result = sbi_step_advance(step);
     }
@@ -274,6 +274,7 @@ static void sbi_step_settle(sbi_step *step)
     sbi_loads_commit(b, balance, step->linearised ? b->start : balance, 1);
     sbi_step_forget_error(step->info); /* of a tangent that was projected after all */
     step->info->load_steps = 1;
+    sbi_step_commit_guests(step);
 }
 
 static sb_result sbi_step_close(sbi_step *step, sb_result result)
@@ -285,14 +286,17 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
     return sbi_step_report(info, result);
 }
 
-SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, sb_step_info *info, sbi_step *step)
+SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                 sb_step_info *info, sbi_step *step)
 {
     sb_result result = sbi_step_open(body, dt, info, step);
     if (result != SB_OK)
         return result;
     if (body->integrator == SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED, "an explicit step solves no system: it has no parts");
-    return sbi_step_start(step);
+        return sbi_fail(&step->info->error, SB_ERROR_UNSUPPORTED,
+                        "an explicit step solves no system: it has no parts and no guests");
+    result = sbi_step_take_guests(step, guests, guest_count);
+    return result == SB_OK ? sbi_step_start(step) : result;
 }
 
 SBI_API sb_result sbi_step_commit(sbi_step *step)
@@ -312,8 +316,10 @@ SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result)
     if (*result != SB_ERROR_INVERTED || step->body->integrator != SB_GENERALISED_ALPHA || !(step->level < 1))
         return 0;
     memset(&fresh, 0, sizeof fresh);
+    sbi_step_undo_guests(step);
     fresh.begun = step->begun;
     fresh.own_info = step->own_info;
+    fresh.guests = step->guests;
     sbi_step_set_up(&fresh, step->body, step->dt, step->info);
     fresh.radius = 0;
     *step = fresh;
@@ -327,6 +333,7 @@ SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result)
 {
     if (!step->body) /* refused at once */
         return result;
+    sbi_step_undo_guests(step);
     sbi_step_restore(step->body);
     return sbi_step_close(step, result);
 }
@@ -363,17 +370,23 @@ static sb_result sbi_step_explicit(sb_body *body, sb_real dt, sb_step_info *info
     return sbi_step_close(&step, SB_OK);
 }
 
-SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
+                                     sb_step_info *info)
 {
     sbi_step step;
     sb_result result;
-    if (body && body->integrator == SB_CENTRAL_DIFFERENCE)
+    if (body && body->integrator == SB_CENTRAL_DIFFERENCE && guest_count == 0)
         return sbi_step_explicit(body, dt, info);
-    result = sbi_step_begin(body, dt, info, &step);
+    result = sbi_step_begin(body, dt, guests, guest_count, info, &step);
     do {
         result = sbi_step_iterate(&step, result);
         if (result == SB_OK)
             result = sbi_step_commit(&step);
     } while (sbi_step_begin_again(&step, &result));
     return result == SB_OK ? result : sbi_step_undo(&step, result);
+}
+
+SB_API sb_result sb_body_step(sb_body *body, sb_real dt, sb_step_info *info)
+{
+    return sbi_body_step_with(body, dt, NULL, 0, info);
 }

@@ -3,6 +3,7 @@
  * Both solve r(u) = M a + D v + f_int(u) - f_ext = 0 with a = ca (u - start) + a0 and v = cv (u - start) + v0;
  * a static solve has ca = cv = 0. So A = dr/du = (ca + alpha cv) M + (1 + beta cv) K, and one iteration is
  * A du = -r. */
+#include <math.h>
 #include <string.h>
 
 #include "load.h"
@@ -195,10 +196,21 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters. */
-static const sb_vec3 *sbi_step_unbalanced(const sb_body *b)
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
+    const sb_body *b = step->body;
+    if (step->guests_begun)
+        return (const sb_vec3 *)(const void *)sbi_pcg_guests(&b->pcg)->rest;
     return b->elimination ? b->elimination->reduced : b->residual;
+}
+
+/* A norm with what guests add to it in this part of the matrix (-1: in all). */
+static sb_real sbi_step_with_guests(const sbi_step *step, sb_real norm, int part)
+{
+    if (!step->guests_begun)
+        return norm;
+    return (sb_real)sqrt((double)norm * (double)norm + sbi_step_guest_square(step, part));
 }
 
 /* residual = r(u), its norm on the free axes, and the force to compare it with. */
@@ -221,7 +233,9 @@ SBI_API void sbi_step_residual(sbi_step *step)
     step->last_norm = step->norm;
     if (b->elimination)
         sbi_elimination_reduce(b->elimination, b->residual, b->elimination->reduced, NULL);
-    step->norm = sbi_step_norm(b, sbi_step_unbalanced(b), SBI_STEP_FREE);
+    if (step->guests_begun)
+        sbi_step_guest_residual(step, sbi_step_parts(b));
+    step->norm = sbi_step_with_guests(step, sbi_step_norm(b, sbi_step_unbalanced(step), SBI_STEP_FREE), -1);
 }
 
 /* 1 when the increment is below what the displacement's digits can show: nothing is left to gain. */
@@ -260,13 +274,24 @@ static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
     int parts = sbi_step_parts(b)->part_count, meet = 1;
     step->info->residual = 0;
     for (int c = 0; c < parts; c++) {
-        sb_real norm = parts > 1 ? sbi_step_part_norm(b, c, sbi_step_unbalanced(b), SBI_STEP_FREE) : step->norm;
+        sb_real norm = step->norm;
         sb_real scale = parts > 1 ? b->part_scale[c] : step->scale;
+        if (parts > 1)
+            norm = sbi_step_with_guests(step, sbi_step_part_norm(b, c, sbi_step_unbalanced(step), SBI_STEP_FREE), c);
         if (scale > 0)
             step->info->residual = sb_max(step->info->residual, norm / scale);
         meet &= norm <= step->tolerance * scale || norm <= rounding;
     }
-    return meet;
+    return meet && (!step->guests_begun || sbi_step_lone_guests_meet(step, rounding));
+}
+
+/* 1 when there is nothing left of the guests' own rows. */
+static int sbi_step_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    if (!step->guests_begun)
+        return 1;
+    return sbi_step_guest_square(step, -1) <= (double)(step->tolerance * step->scale * step->tolerance * step->scale) &&
+           sbi_step_lone_guests_meet(step, rounding);
 }
 
 /* 1 when the residual is small enough, or as small as rounding lets it become. */
@@ -274,7 +299,9 @@ SBI_API int sbi_step_is_converged(sbi_step *step)
 {
     sb_real rounding = 16 * SB_EPSILON * (step->body->force_unit + step->load_size);
     int meet = sbi_step_parts_meet(step, step->iteration > 0 ? rounding : 0);
-    return !step->moves_supports && (meet || (step->iteration > 0 && sbi_step_is_exhausted(step->body)));
+    if (!meet && step->iteration > 0 && sbi_step_is_exhausted(step->body))
+        meet = sbi_step_guests_meet(step, rounding);
+    return !step->moves_supports && meet;
 }
 
 SBI_API int sbi_step_allows_inversion(const sb_body *b)

@@ -29,6 +29,28 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
+ * the acceleration ca d: as good as their forces and masses at the start. */
+static sb_result sbi_step_solve_acceleration(sbi_step *start)
+{
+    const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
+    sb_body *b = start->body;
+    sb_result result;
+    if (start->guests.count > 0) {
+        start->ca = instants / start->dt * (instants / start->dt);
+        start->known_velocity[0] = 1;
+        start->starts = 1;
+    }
+    sbi_body_add_mass(b, start->guests.count > 0 ? start->ca : (sb_real)1);
+    result = sbi_step_make_system(start);
+    if (result == SB_OK)
+        result = sbi_step_solve_system(start);
+    for (int i = 0; result == SB_OK && i < b->domain.node_count; i++)
+        b->acceleration[i] = start->guests.count > 0 ? sb_v3_scale(start->ca, b->increment[i]) : b->increment[i];
+    sbi_step_undo_guests(start);
+    return result;
+}
+
 /* M a = f_ext - f_int - D v: what Newmark starts from. Supported nodes start without acceleration. */
 SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
 {
@@ -48,14 +70,9 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
         sbi_step_tangent(&start, SB_TANGENT_QUASI);
     sbi_step_residual(&start);
     sb_matrix_clear(&b->matrix);
-    sbi_body_add_mass(b, 1);
     start.dynamic = 0;
     start.load_factor = 0;
-    result = sbi_step_make_system(&start);
-    if (result == SB_OK)
-        result = sbi_step_solve_system(&start, NULL, 0);
-    if (result == SB_OK)
-        memcpy(b->acceleration, b->increment, (size_t)n * sizeof(sb_vec3));
+    result = sbi_step_solve_acceleration(&start);
     if (result != SB_ERROR_INDEFINITE || b->mass_kind != SB_MASS_REDUCED)
         return result;
     if (b->elimination)
@@ -78,10 +95,14 @@ static void sbi_step_scheme_alpha(sbi_step *step)
     step->inertia_level = inertia;
     step->cv = gamma / (beta * dt);
     step->ca = inertia / (beta * dt * dt * level);
+    step->known_velocity[0] = 1 - level * gamma / beta;
+    step->known_velocity[1] = level * dt * (1 - gamma / (2 * beta));
+    step->known_acceleration[0] = -inertia / (beta * dt);
+    step->known_acceleration[1] = 1 - inertia / (2 * beta);
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], a = b->acceleration[i];
-        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(1 - level * gamma / beta, v), level * dt * (1 - gamma / (2 * beta)), a);
-        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(1 - inertia / (2 * beta), a), -inertia / (beta * dt), v);
+        sb_vec3 v0 = sb_v3_madd(sb_v3_scale(step->known_velocity[0], v), step->known_velocity[1], a);
+        sb_vec3 a0 = sb_v3_madd(sb_v3_scale(step->known_acceleration[1], a), step->known_acceleration[0], v);
         if (b->fixed[i]) {
             sb_vec3 go = sb_v3_sub(b->target[i], b->start[i]), rate = sb_v3_scale(1 / dt, go);
             sb_vec3 change = sb_v3_scale(1 / dt, sb_v3_sub(rate, v));
@@ -106,6 +127,10 @@ static void sbi_step_scheme_newmark(sbi_step *step)
     int newmark = b->integrator == SB_NEWMARK;
     step->cv = (newmark ? 2 : 1) / dt;
     step->ca = (newmark ? 4 : 1) / (dt * dt);
+    step->known_velocity[0] = newmark ? (sb_real)-1 : (sb_real)0;
+    step->known_velocity[1] = 0;
+    step->known_acceleration[0] = newmark ? -4 / dt : -1 / dt;
+    step->known_acceleration[1] = newmark ? (sb_real)-1 : (sb_real)0;
     for (int i = 0; i < b->domain.node_count; i++) {
         sb_vec3 v = b->velocity[i], v0 = sb_v3(0, 0, 0), a0 = sb_v3_scale(-1 / dt, v);
         if (newmark) {

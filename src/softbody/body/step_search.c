@@ -20,6 +20,18 @@ typedef struct sbi_step_line {
     sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
+static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
+{
+    double linear, quadratic;
+    if (step->guests.count == 0)
+        return;
+    sbi_guest_line(sbi_pcg_guests(&step->body->pcg), &step->body->increment[0].x, &linear, &quadratic);
+    line->slope += (sb_real)linear;
+    line->linear += (sb_real)linear;
+    line->quadratic += (sb_real)quadratic;
+    line->load_size += sb_abs((sb_real)linear) + sb_abs((sb_real)quadratic);
+}
+
 static sbi_step_line sbi_step_make_line(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -42,6 +54,7 @@ static sbi_step_line sbi_step_make_line(sbi_step *step)
         line.cubic -= work.cubic;
         line.load_size = sb_abs(work.linear) + sb_abs(work.quadratic) + sb_abs(work.cubic);
     }
+    sbi_step_add_guest_line(step, &line);
     return line;
 }
 
@@ -67,10 +80,12 @@ static int sbi_step_try(sbi_step *step, const sb_vec3 *trial, sb_real *energy, i
     return *bad < 0 && sb_is_finite(*energy);
 }
 
-static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy)
+/* Takes a trial displacement, which is this share of the increment, and on supported axes `held` of it. */
+static void sbi_step_take(sbi_step *step, const sb_vec3 *trial, sb_real energy, sb_real share, sb_real held)
 {
     sb_body *b = step->body;
     memcpy(b->displacement, trial, (size_t)b->domain.node_count * sizeof(sb_vec3));
+    sbi_step_move_guests(step, share, held);
     step->energy = energy;
     step->energy_known = 1;
 }
@@ -103,13 +118,13 @@ static sb_result sbi_step_move_supports(sbi_step *step)
         if (b->elimination)
             sbi_elimination_follow(b->elimination, b->work, step->load_factor);
         if (sbi_step_try(step, b->work, &alone, &bad) && (t < 1 || alone < energy)) {
-            sbi_step_take(step, b->work, alone);
+            sbi_step_take(step, b->work, alone, 0, 1);
             return SB_OK;
         }
     }
     if (!(t > least))
         return sbi_step_no_step(step, bad);
-    sbi_step_take(step, b->work2, energy);
+    sbi_step_take(step, b->work2, energy, t, t);
     return SB_OK;
 }
 
@@ -137,7 +152,7 @@ static sb_result sbi_step_search(sbi_step *step)
                                    t * line.load_size) +
                 4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
-            sbi_step_take(step, b->work2, energy);
+            sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
             return SB_OK;
         }
@@ -154,6 +169,7 @@ SBI_API sb_result sbi_step_accept(sbi_step *step)
     } else {
         sbi_step_trial(step, 1);
         memcpy(b->displacement, b->work2, (size_t)b->domain.node_count * sizeof(sb_vec3));
+        sbi_step_move_guests(step, 1, 1);
     }
     if (result != SB_OK)
         return result;

@@ -72,17 +72,13 @@ static void sbi_step_constrained_reactions(const sbi_step *step)
     sbi_constraint_reactions(b, b->work);
 }
 
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. */
-SBI_API void sbi_step_reactions(const sbi_step *step)
+/* The same of a body without constraints. */
+static void sbi_step_support_reactions(const sbi_step *step)
 {
     sb_body *b = step->body;
     const sb_matrix *matrix = &b->matrix;
     const sb_real(*row)[9] = (const sb_real(*)[9])b->support_blocks;
     const sb_vec3 zero = sb_v3(0, 0, 0);
-    if (b->elimination) {
-        sbi_step_constrained_reactions(step);
-        return;
-    }
     for (int i = 0; i < matrix->row_count; i++) {
         sb_vec3 sum = b->residual[i];
         b->reaction[i] = zero;
@@ -96,6 +92,15 @@ SBI_API void sbi_step_reactions(const sbi_step *step)
         }
         b->reaction[i] = sbi_body_pick_axes(b->fixed[i], sum, zero);
     }
+}
+
+SBI_API void sbi_step_reactions(const sbi_step *step)
+{
+    if (step->body->elimination)
+        sbi_step_constrained_reactions(step);
+    else
+        sbi_step_support_reactions(step);
+    sbi_step_guest_reactions(step);
 }
 
 /* Tolerance of this iteration's linear solve. A linearised step has its own; otherwise it tightens with Newton's
@@ -158,12 +163,14 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     else
         sbi_step_keep_support_rows(b);
     sbi_matrix_constrain(matrix, e ? e->held : b->fixed, &b->increment[0].x, &b->rhs[0].x, &b->jobs);
-    result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->info->error);
+    result = sbi_step_begin_guests(step, matrix);
+    if (result == SB_OK)
+        result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
     step->info->seconds_precond += sbi_step_now(b) - begin;
     return result;
 }
 
-SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const *guests, int guest_count)
+SBI_API sb_result sbi_step_solve_system(sbi_step *step)
 {
     sb_body *b = step->body;
     sb_step_info *info = step->info;
@@ -172,14 +179,11 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step, struct sbi_guest *const 
     sbi_elimination *e = b->elimination;
     sb_result result;
     double begin = sbi_step_now(b);
-    (void)guests; /* conjugate gradients have none yet */
-    SB_ASSERT(guest_count == 0);
-    (void)guest_count;
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
-    result = sbi_pcg_solve_current(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
-                                   &b->increment[0].x, &options, &b->pcg, &pcg);
+    result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
+                                  &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
     info->seconds_solve += sbi_step_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;

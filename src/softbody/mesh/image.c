@@ -199,8 +199,10 @@ static sb_result sbi_image_parse(sbi_loader *loader, const char *path)
     sbi_reader *reader = &loader->reader;
     sbi_image_format format = sbi_image_detect(reader->data, reader->size);
     sbi_voxel_data data;
-    sb_result result;
+    sb_result result = sbi_reader_check_kind(reader);
     memset(&data, 0, sizeof data);
+    if (result)
+        return result;
     switch (format) {
     case SBI_IMAGE_VTK: return sbi_vtk_read(loader);
     case SBI_IMAGE_VTI: return sbi_vtu_read(loader);

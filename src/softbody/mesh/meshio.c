@@ -160,20 +160,15 @@ static int sbi_meshio_looks_like_obj(const sbi_reader *reader)
     return 0;
 }
 
-/* By its byte order mark. */
-static int sbi_meshio_is_utf16(const sbi_reader *reader)
-{
-    return reader->size >= 4 && !sbi_stl_is_binary(reader->data, reader->size) &&
-           ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
-            (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
-}
-
 SBI_API sb_result sbi_file_detect(const sbi_reader *reader, sb_file_format *format)
 {
     if (reader->size == 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file is empty");
-    if (sbi_meshio_is_utf16(reader))
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    if (!sbi_stl_is_binary(reader->data, reader->size)) {
+        sb_result result = sbi_reader_check_kind(reader);
+        if (result)
+            return result;
+    }
     if (*format == SB_FILE_AUTO)
         *format = sbi_meshio_format_of_content(reader);
     if (*format == SB_FILE_AUTO)

@@ -93,6 +93,45 @@ SBI_API void sbi_reader_next_line(sbi_reader *reader)
     }
 }
 
+/* Whether the file begins with `start`, whatever the case of its letters. */
+static int sbi_reader_begins(const sbi_reader *reader, const char *start)
+{
+    sbi_word word;
+    word.text = reader->data;
+    word.length = strlen(start);
+    return reader->size >= word.length && sbi_word_is(word, start);
+}
+
+/* By its byte order mark. */
+static int sbi_reader_is_utf16(const sbi_reader *reader)
+{
+    return reader->size >= 4 && ((memcmp(reader->data, "\xFF\xFE", 2) == 0 && reader->data[3] == 0) ||
+                                 (memcmp(reader->data, "\xFE\xFF", 2) == 0 && reader->data[2] == 0));
+}
+
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
+{
+    static const struct {
+        char start[20];
+        char kind[72];
+    } kinds[] = {{"\x1F\x8B", "packed by gzip: unpack it first"},
+                 {"PK\x03\x04", "a zip archive: unpack it first"},
+                 {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
+                 {"BZh", "packed by bzip2: unpack it first"},
+                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
+                 {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
+                 {"<html", "a web page, not the file that it shows or links to"},
+                 {"\x89PNG", "a PNG picture"},
+                 {"%PDF", "a PDF document"}};
+    if (sbi_reader_is_utf16(reader))
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "text in UTF-16 is not read: save it as UTF-8");
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        if (sbi_reader_begins(reader, kinds[i].start))
+            return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "the file is %s", kinds[i].kind);
+    return SB_OK;
+}
+
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader)
 {
     sbi_reader ahead;

@@ -47,6 +47,10 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
+ * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
+
 /* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
  * by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);

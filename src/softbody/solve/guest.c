@@ -71,8 +71,12 @@ SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *gu
         work.start = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
         work.in = (double *)sbi_arena_take(arena, work.width, sizeof(double));
         work.out = (double *)sbi_arena_take(arena, work.width, sizeof(double));
-        if (arena->base)
+        work.base = (double *)sbi_arena_take(arena, work.width, sizeof(double));
+        work.first = (double *)sbi_arena_take(arena, unknowns, sizeof(double));
+        if (arena->base) {
             list[g] = work;
+            memset(work.base, 0, work.width * sizeof(double));
+        }
         taken += (size_t)work.guest->taken_count;
     }
     space->kept_room = sbi_guests_taken_blocks(guests, matrix);
@@ -87,7 +91,7 @@ static int sbi_guest_is_held(const sbi_guest_space *space, int node, int axis)
     return space->matrix->fixed[node] >> axis & 1;
 }
 
-/* in = own (NULL: 0), and of x the components of its nodes; prescribed ones are those of `held`, or 0. */
+/* in = own (NULL: 0), and of x (NULL: 0) the components of its nodes; prescribed ones are those of `held`, or 0. */
 static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
                              const sb_real *held)
 {
@@ -100,6 +104,15 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
             const sb_real *from = sbi_guest_is_held(space, guest->nodes[k], axis) ? held : x;
             *in++ = from ? (double)from[3 * (size_t)guest->nodes[k] + (size_t)axis] : 0;
         }
+}
+
+/* in = the guest's place: unknowns `own`, nodes x further than the base. */
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
+                                   const sb_real *held)
+{
+    sbi_guest_gather(space, work, own, x, held);
+    for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
+        work->in[k] += work->base[k];
 }
 
 /* y += sign out on its nodes, but for prescribed components. */
@@ -169,7 +182,7 @@ SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const 
     for (int g = 0; g < space->count; g++) {
         sbi_guest_work *work = space->work + g;
         const sbi_guest *guest = work->guest;
-        sbi_guest_gather(space, work, x ? guest->unknown : NULL, x, held);
+        sbi_guest_gather_place(space, work, x ? guest->unknown : work->base, x, held);
         guest->residual(guest->user, work->in, work->out);
         sbi_guest_copy(work->residual, work->out, guest->unknown_count);
         for (int k = 0; k < guest->node_count; k++)
@@ -329,11 +342,50 @@ SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x)
         sbi_guest_work *work = space->work + g;
         if (!work->guest->settle)
             continue;
-        sbi_guest_gather(space, work, work->guest->unknown, x, x);
+        sbi_guest_gather_place(space, work, work->guest->unknown, x, x);
         changed |= work->guest->settle(work->guest->user, work->in) != 0;
     }
     return changed;
 }
+
+/* ---- steps of several solves ---------------------------------------------------------------------------- */
+
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held)
+{
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        double *base = work->base;
+        for (int k = 0; k < guest->unknown_count; k++, base++) {
+            *base = share == 1 ? guest->unknown[k] : *base + share * (guest->unknown[k] - *base);
+            guest->unknown[k] = *base;
+        }
+        for (int k = 0; k < guest->node_count; k++)
+            for (int axis = 0; axis < 3; axis++, base++)
+                *base += (sbi_guest_is_held(space, guest->nodes[k], axis) ? held : share) *
+                         (double)x[3 * (size_t)guest->nodes[k] + (size_t)axis];
+    }
+}
+
+SBI_API void sbi_guest_force(sbi_guest_work *work) { work->guest->residual(work->guest->user, work->base, work->out); }
+
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic)
+{
+    *linear = *quadratic = 0;
+    for (int g = 0; g < space->count; g++) {
+        sbi_guest_work *work = space->work + g;
+        const sbi_guest *guest = work->guest;
+        sbi_guest_force(work);
+        sbi_guest_gather(space, work, guest->unknown, x, NULL);
+        for (int k = 0; k < guest->unknown_count; k++)
+            work->in[k] -= work->base[k];
+        *linear -= sbi_guest_dot(work->in, work->out, work->width);
+        guest->multiply(guest->user, work->in, work->out);
+        *quadratic += sbi_guest_dot(work->in, work->out, work->width) / 2;
+    }
+}
+
+/* ---- the preconditioner --------------------------------------------------------------------------------- */
 
 /* z = B r of the nodes; without a preconditioner r over the mean diagonal. */
 static void sbi_guest_apply(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,

@@ -7,6 +7,11 @@
  * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
  * there is left out of the equations.
  *
+ * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's components
+ * are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no motion. A step
+ * of several Newton iterations solves several systems, each for what is still to be added; a guest does not see that. Its
+ * rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
+ *
  * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
  *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
  *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the rod's
@@ -27,17 +32,31 @@
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 
-/* The step that is solved: what a guest needs to write its rows in the step's unknown, the displacement of the nodes over
- * the step. */
+/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the start
+ * of the step, with
+ *     v = velocity_factor d + velocity0,  a = acceleration_factor d + acceleration0,
+ * which at supports is their own motion. What a guest has a mass for moves by the same rule, of its velocity v_n and
+ * acceleration a_n at the start:
+ *     velocity0 = known_velocity[0] v_n + known_velocity[1] a_n,
+ *     acceleration0 = known_acceleration[0] v_n + known_acceleration[1] a_n.
+ * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) / inertia_level. */
 typedef struct sbi_guest_step {
-    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed) */
+    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed); constraints are condensed in it */
     const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
-    const sb_vec3 *velocity;     /* [row_count] (m/s) */
-    const sb_vec3 *acceleration; /* [row_count] (m/s^2) */
+    const sb_vec3 *velocity;     /* [row_count] at the start (m/s) */
+    const sb_vec3 *acceleration; /* [row_count] at the start (m/s^2) */
+    const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
+    const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
+    int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
     double dt;                   /* s; 0: static */
-    double velocity_factor;      /* 1/s: velocity at the end = this times the increment, and known terms */
-    double acceleration_factor;  /* 1/s^2: the same of the acceleration */
-    double level;                /* share of the new forces in the equations: 1 - alpha_f of the generalised alpha method */
+    double velocity_factor;      /* 1/s */
+    double acceleration_factor;  /* 1/s^2 */
+    double known_velocity[2];     /* 1, s */
+    double known_acceleration[2]; /* 1/s, 1 */
+    double level;                /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    double inertia_level;        /* the same of inertia: 1 - alpha_m, else 1 */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
@@ -56,14 +75,18 @@ typedef struct sbi_guest {
     void (*precondition)(void *user, const double *r, double *z);
 
     /* optional */
-    /* After the tangent is made, before the solve: takes what it needs of the step and factors its block. What it
-     * returns as an error undoes the step. */
+    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may set
+     * `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error undoes
+     * the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
      * solve must go on. */
     int (*settle)(void *user, const double *x);
-    void (*commit)(void *user);  /* the step is done: takes over its motion */
-    void (*undo)(void *user);    /* the step has failed: as before begin */
+    /* The step is done, x is where it balances: takes over its motion. Cannot fail. */
+    void (*commit)(void *user, const double *x);
+    /* The step has failed, or is begun anew with other factors: as before the first `begin`. Called of each guest whose
+     * `begin` was called or is missing. Its unknowns are put back already. */
+    void (*undo)(void *user);
 } sbi_guest;
 
 typedef struct sbi_guests {
@@ -81,6 +104,8 @@ typedef struct sbi_guest_work {
     double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
     double *search, *start;                          /* [unknown_count] */
     double *in, *out;                                /* [width] */
+    double *base;   /* [width] what a solve starts from: nodes' increments are added to it, unknowns have it in them */
+    double *first;  /* [unknown_count] as they were given to the step */
     double sums[2];       /* its share of the sums at work */
 } sbi_guest_work;
 
@@ -90,6 +115,7 @@ typedef struct sbi_guest_space {
     int count;
     sbi_guest_work *work; /* [count] */
     double scale;         /* mean diagonal of the matrix (N/m) */
+    int *part_of;         /* [row_count] part of each row, as the last solve had them; may be made anew after it */
     const sb_matrix *matrix;
     sb_real *rest, *spare; /* [row_count][3] */
     /* blocks of taken nodes while the preconditioner is made without them, and their masks */
@@ -114,8 +140,8 @@ SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
-/* r += loads - G x, and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
- * `held`. */
+/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
+ * `held` (NULL: 0, too). */
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
 /* q += G p, and takes what is theirs; sums[0] = p.Gp. */
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
@@ -140,6 +166,15 @@ SBI_API void sbi_guest_dots(sbi_guest_work *work, int fresh);
 SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
 /* x of all guests to their settle calls; 1 when one has changed its rows. */
 SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
+
+/* ---- for steps of several solves ---- */
+/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along prescribed
+ * components. Unknowns are then those of the base. */
+SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held);
+/* A guest's forces at the base, in out. */
+SBI_API void sbi_guest_force(sbi_guest_work *work);
+/* The guests' part of the potential from the base to the solution x: t linear + t^2 quadratic. */
+SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
 #endif
 
 #endif /* SB_GUEST_H */

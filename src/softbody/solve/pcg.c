@@ -907,22 +907,27 @@ typedef struct sbi_pcg_guest_space {
     sbi_guest_space space;
     sbi_pcg_part *parts; /* [most parts + guests + 1] */
     int *part_start;     /* [most parts + guests + 1] */
-    int *part_of;        /* [row_count] */
 } sbi_pcg_guest_space;
 
 static sbi_pcg_guest_space *sbi_pcg_lay_out_guests(const sbi_guests *guests, const sb_matrix *matrix, sbi_arena *arena,
                                                    sbi_pcg_guest_space *fresh)
 {
-    int rows = matrix->row_count;
+    int rows = matrix->row_count, *part_of;
     size_t parts = (size_t)sbi_matrix_most_parts(rows) + (size_t)guests->count + 1;
     sbi_pcg_guest_space *g = (sbi_pcg_guest_space *)sbi_arena_take(arena, 1, sizeof *g);
     g = arena->base ? g : fresh;
     memset(g, 0, sizeof *g);
-    g->part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
+    part_of = (int *)sbi_arena_take(arena, (size_t)rows, sizeof(int));
     g->parts = (sbi_pcg_part *)sbi_arena_take(arena, parts, sizeof *g->parts);
     g->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_guest_space_layout(&g->space, guests, matrix, arena);
+    g->space.part_of = part_of;
     return g;
+}
+
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace)
+{
+    return workspace->guests ? &((sbi_pcg_guest_space *)workspace->guests)->space : NULL;
 }
 
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
@@ -932,12 +937,16 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     sbi_arena arena = {NULL, 0, 0};
     sbi_pcg_guest_space measured;
     unsigned char *memory = (unsigned char *)workspace->guests;
+    size_t bytes;
     sb_result result;
     if (matrix->row_count != rows || !sbi_guests_have_sizes(guests, rows))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a guest of a solve has a size below 0 or more nodes than there are");
     sbi_pcg_lay_out_guests(guests, matrix, &arena, &measured);
-    if (arena.overflow || arena.used > workspace->guest_bytes)
-        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, arena.used, 1);
+    bytes = arena.used;
+    if (arena.overflow || bytes > workspace->guest_bytes) {
+        arena.overflow |= !sbi_size_add(&bytes, bytes / 2, 1); /* room for guests that grow by and by */
+        memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc(&workspace->allocator, bytes, 1);
+    }
     if (!memory)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d guests of a solve", guests->count);
     /* the marks lie in the same place whatever the guests are */
@@ -950,7 +959,7 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     if (memory != workspace->guests) {
         sbi_free(&workspace->allocator, workspace->guests);
         workspace->guests = memory;
-        workspace->guest_bytes = arena.used;
+        workspace->guest_bytes = bytes;
     }
     arena.base = memory;
     arena.used = 0;
@@ -1010,12 +1019,12 @@ static void sbi_pcg_place_guests(sbi_pcg_state *s, sbi_pcg_guest_space *g)
 {
     for (int c = 0; c < s->part_count; c++)
         for (int k = s->part_start[c]; k < s->part_start[c + 1]; k++)
-            g->part_of[s->part_rows ? s->part_rows[k] : k] = c;
+            g->space.part_of[s->part_rows ? s->part_rows[k] : k] = c;
     for (int k = 0; k < g->space.count; k++) {
         sbi_guest_work *work = g->space.work + k;
         int head = -1;
         for (int n = 0; n < work->guest->node_count; n++) {
-            int part = s->parts[g->part_of[work->guest->nodes[n]]].head;
+            int part = s->parts[g->space.part_of[work->guest->nodes[n]]].head;
             head = head < 0 ? part : sbi_pcg_join(s, head, part);
         }
         work->part = head;
@@ -1070,8 +1079,8 @@ static int sbi_pcg_begin_guests(sbi_pcg_state *s)
         const sbi_guest_work *work = s->guests->work + g;
         for (int k = 0; k < work->guest->unknown_count; k++) {
             if (s->parts[work->part].rhs_square == 0)
-                work->guest->unknown[k] = 0;
-            idle &= work->guest->unknown[k] == 0;
+                work->guest->unknown[k] = work->base[k];
+            idle &= work->guest->unknown[k] == work->base[k];
         }
     }
     sbi_guest_guess(s->guests, idle ? s->x : NULL, s->r, s->p);

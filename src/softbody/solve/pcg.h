@@ -90,6 +90,8 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* What was reserved, for steps of several solves; NULL: nothing was. */
+SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
  * guests take held, whose equations their own blocks solve. The matrix is as before in the end. Also
  * SB_ERROR_ARGUMENT: no space was reserved for them. */
@@ -100,7 +102,7 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
  * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
  * after the other, so that bits do not depend on threads. Allocates nothing.
  * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from rest, so that loads on what is stiff in itself do not count; and their rows count by
+ * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
  * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
  * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
  * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.

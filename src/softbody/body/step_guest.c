@@ -1,0 +1,220 @@
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
+ * are kept by conjugate gradients, from which a step of several solves counts on. */
+#include <math.h>
+#include <string.h>
+
+#include "step_private.h"
+
+/* ---- begin ---- */
+
+static sbi_guest_space *sbi_step_guest_space(const sbi_step *step) { return sbi_pcg_guests(&step->body->pcg); }
+
+/* Constraints eliminate an equation that a guest would need. */
+static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guests, sb_error *error)
+{
+    for (int g = 0; b->elimination && g < guests->count; g++)
+        for (int k = 0; k < guests->list[g]->node_count; k++) {
+            int node = guests->list[g]->nodes[k];
+            if (b->elimination->slave[node])
+                return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
+                                     node);
+        }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count)
+{
+    sb_body *b = step->body;
+    sbi_guests guests;
+    sb_result result;
+    guests.list = list;
+    guests.count = count;
+    if (count == 0)
+        return SB_OK;
+    result = sbi_pcg_reserve_guests(&b->pcg, b->elimination ? &b->elimination->matrix : &b->matrix, &guests,
+                                    &step->info->error);
+    if (result == SB_OK)
+        result = sbi_step_check_slaves(b, &guests, &step->info->error);
+    if (result != SB_OK)
+        return result;
+    step->guests = guests;
+    for (int g = 0; g < count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        for (int k = 0; k < work->guest->unknown_count; k++)
+            work->first[k] = work->guest->unknown[k];
+    }
+    return SB_OK;
+}
+
+static sbi_guest_step sbi_step_tell_guests(const sbi_step *step, const sb_matrix *matrix)
+{
+    const sb_body *b = step->body;
+    sbi_guest_step told;
+    memset(&told, 0, sizeof told);
+    told.matrix = matrix;
+    told.displacement = b->start;
+    told.velocity = b->velocity;
+    told.acceleration = b->acceleration;
+    told.velocity0 = b->velocity0;
+    told.acceleration0 = b->acceleration0;
+    told.present = b->displacement;
+    told.iteration = step->iteration;
+    told.starts = step->starts;
+    told.dt = (double)step->dt;
+    told.velocity_factor = (double)step->cv;
+    told.acceleration_factor = (double)step->ca;
+    for (int k = 0; k < 2; k++) {
+        told.known_velocity[k] = (double)step->known_velocity[k];
+        told.known_acceleration[k] = (double)step->known_acceleration[k];
+    }
+    told.level = (double)step->level;
+    told.inertia_level = (double)step->inertia_level;
+    return told;
+}
+
+/* Unknowns as an iteration begins with them. */
+static void sbi_step_set_unknowns(const sbi_guest_work *work, const double *from)
+{
+    for (int k = 0; k < work->guest->unknown_count; k++)
+        work->guest->unknown[k] = from[k];
+}
+
+SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix)
+{
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    sbi_guest_step told;
+    if (step->guests.count == 0)
+        return SB_OK;
+    told = sbi_step_tell_guests(step, matrix);
+    space->matrix = matrix;
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        sb_error *error = &step->info->error;
+        sb_result result;
+        sbi_step_set_unknowns(work, step->iteration > 0 ? work->base : work->first);
+        step->guests_begun = sbi_max_int(step->guests_begun, g + 1);
+        result = work->guest->begin ? work->guest->begin(work->guest->user, &told, error) : SB_OK;
+        if (result != SB_OK)
+            return error->result == result ? result : sbi_fail(error, result, "guest %d cannot begin a step", g);
+    }
+    return SB_OK;
+}
+
+/* ---- residual ---- */
+
+/* The part that a guest counts with: the one of the largest forces among those of its nodes; -1: it has no nodes. */
+static int sbi_step_guest_part(const sbi_step *step, const sbi_guest_space *space, const sbi_guest *guest, int parts)
+{
+    int part = -1;
+    if (parts == 1)
+        return guest->node_count > 0 ? 0 : -1;
+    for (int k = 0; k < guest->node_count; k++) {
+        int other = space->part_of[guest->nodes[k]];
+        if (part < 0 || step->body->part_scale[other] > step->body->part_scale[part])
+            part = other;
+    }
+    return part;
+}
+
+SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
+{
+    const sb_body *b = step->body;
+    sbi_guest_space *space = sbi_step_guest_space(step);
+    const sb_vec3 *residual = b->elimination ? b->elimination->reduced : b->residual;
+    sb_vec3 *rest = (sb_vec3 *)(void *)space->rest;
+    const sb_vec3 zero = sb_v3(0, 0, 0);
+    for (int i = 0; i < b->domain.node_count; i++)
+        rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
+        for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
+            space->part_of[parts->part_rows[k]] = c;
+    for (int g = 0; g < space->count; g++) {
+        space->work[g].done = 0;
+        space->work[g].part = sbi_step_guest_part(step, space, space->work[g].guest, parts->part_count);
+    }
+    sbi_guest_residual(space, NULL, NULL, space->rest);
+    sbi_guest_measure(space);
+}
+
+SBI_API double sbi_step_guest_square(const sbi_step *step, int part)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    double sum = 0;
+    for (int g = 0; g < space->count; g++)
+        if (space->work[g].part >= 0 && (part < 0 || space->work[g].part == part))
+            sum += space->work[g].sums[0];
+    return sum;
+}
+
+/* What rows of a guest without nodes are compared with: its loads. */
+static double sbi_step_lone_scale(const sbi_guest_space *space, const sbi_guest_work *work)
+{
+    const sbi_guest *guest = work->guest;
+    double sum = 0;
+    memset(work->in, 0, work->width * sizeof(double));
+    guest->residual(guest->user, work->in, work->out);
+    guest->precondition(guest->user, work->out, work->block);
+    for (size_t k = 0; k < work->size; k++)
+        sum += work->out[k] * work->block[k];
+    return sqrt(space->scale * sum);
+}
+
+SBI_API int sbi_step_lone_guests_meet(const sbi_step *step, sb_real rounding)
+{
+    const sbi_guest_space *space = sbi_step_guest_space(step);
+    for (int g = 0; g < space->count; g++) {
+        const sbi_guest_work *work = space->work + g;
+        double norm = sqrt(work->sums[0]);
+        if (work->part < 0 && work->size > 0 && !(norm <= (double)rounding) &&
+            !(norm <= (double)step->tolerance * sbi_step_lone_scale(space, work)))
+            return 0;
+    }
+    return 1;
+}
+
+/* ---- the increment is taken ---- */
+
+SBI_API void sbi_step_move_guests(sbi_step *step, sb_real share, sb_real held)
+{
+    if (step->guests.count > 0)
+        sbi_guest_move_base(sbi_step_guest_space(step), &step->body->increment[0].x, (double)share, (double)held);
+}
+
+SBI_API void sbi_step_guest_reactions(const sbi_step *step)
+{
+    sb_body *b = step->body;
+    for (int g = 0; g < step->guests.count; g++) {
+        sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        const double *force = work->out + work->guest->unknown_count;
+        sbi_guest_force(work);
+        for (int k = 0; k < work->guest->node_count; k++, force += 3) {
+            int node = work->guest->nodes[k];
+            sb_vec3 f = sb_v3((sb_real)force[0], (sb_real)force[1], (sb_real)force[2]);
+            b->reaction[node] = sbi_body_pick_axes(b->fixed[node], sb_v3_sub(b->reaction[node], f), b->reaction[node]);
+        }
+    }
+}
+
+/* ---- end ---- */
+
+SBI_API void sbi_step_commit_guests(sbi_step *step)
+{
+    for (int g = 0; g < step->guests.count; g++) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        if (work->guest->commit)
+            work->guest->commit(work->guest->user, work->base);
+    }
+}
+
+SBI_API void sbi_step_undo_guests(sbi_step *step)
+{
+    for (int g = step->guests_begun; g-- > 0;) {
+        const sbi_guest_work *work = sbi_step_guest_space(step)->work + g;
+        sbi_step_set_unknowns(work, work->first);
+        memset(work->base, 0, work->width * sizeof(double));
+        if (work->guest->undo)
+            work->guest->undo(work->guest->user);
+    }
+    step->guests_begun = 0;
+}
