@@ -4761,8 +4761,8 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
- *   (SB_ERROR_STATE), and they are made anew.
+ * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
+ *   (SB_ERROR_STATE); an embedding does not know of the change. Both are made anew, an embedding from sb_body_get_mesh.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
  * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
@@ -5010,7 +5010,8 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. Where nodes move in the
+ * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
+ * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where nodes move in the
  * material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
@@ -49620,6 +49621,40 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
     }
 }
 
+/* ---- what every change asks ---- */
+
+SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->listener_count; i++) {
+        const sb_body_listener *calls = &live->listeners[i].calls;
+        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
+        for (int k = 0; k < i && result != SB_OK; k++)
+            if (live->listeners[k].calls.give_up)
+                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
+                                         sb_error *error)
+{
+    for (int i = 0; i < change->removed_node_count; i++) {
+        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
+            if (!sbi_slots_is_used(nodes, change->heirs[k]))
+                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
+                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
+                                     node);
+        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "node %d is supported and has no heir: release it before it is removed", node);
+    }
+    return SB_OK;
+}
+
 /* ==== src/softbody/body/live_follow.c ==== */
 /* live_follow: a change made on the body in place, at the cost of what changed.
  *
@@ -51242,23 +51277,6 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
-SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
-                                         sb_error *error)
-{
-    for (int i = 0; i < change->removed_node_count; i++) {
-        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
-        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
-            if (!sbi_slots_is_used(nodes, change->heirs[k]))
-                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
-                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
-                                     node);
-        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
-                                 "node %d is supported and has no heir: release it before it is removed", node);
-    }
-    return SB_OK;
-}
-
 /* The change as others learn of it, in memory that the body keeps for the next one. */
 static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out, sb_error *error)
 {
@@ -51327,21 +51345,6 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     if (result == SB_OK)
         result = sbi_live_check_removed(body, &mesh->nodes, out, error);
     return result;
-}
-
-SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
-{
-    const sbi_live *live = body->live;
-    for (int i = 0; i < live->listener_count; i++) {
-        const sb_body_listener *calls = &live->listeners[i].calls;
-        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
-        for (int k = 0; k < i && result != SB_OK; k++)
-            if (live->listeners[k].calls.give_up)
-                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
-        if (result != SB_OK)
-            return result;
-    }
-    return SB_OK;
 }
 
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
@@ -52120,16 +52123,13 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
-<<<<<<< HEAD
     made->spare = live->spare;
     made->lists = live->lists;
     made->list_bytes = live->list_bytes;
     live->spare = NULL;
     live->lists = NULL;
-=======
     body->parts = old.parts;
     next->parts = NULL;
->>>>>>> main
     made->open = live->open;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;

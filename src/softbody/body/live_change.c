@@ -894,23 +894,6 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
-SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
-                                         sb_error *error)
-{
-    for (int i = 0; i < change->removed_node_count; i++) {
-        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
-        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
-            if (!sbi_slots_is_used(nodes, change->heirs[k]))
-                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
-                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
-                                     node);
-        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
-                                 "node %d is supported and has no heir: release it before it is removed", node);
-    }
-    return SB_OK;
-}
-
 /* The change as others learn of it, in memory that the body keeps for the next one. */
 static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out, sb_error *error)
 {
@@ -979,21 +962,6 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     if (result == SB_OK)
         result = sbi_live_check_removed(body, &mesh->nodes, out, error);
     return result;
-}
-
-SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
-{
-    const sbi_live *live = body->live;
-    for (int i = 0; i < live->listener_count; i++) {
-        const sb_body_listener *calls = &live->listeners[i].calls;
-        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
-        for (int k = 0; k < i && result != SB_OK; k++)
-            if (live->listeners[k].calls.give_up)
-                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
-        if (result != SB_OK)
-            return result;
-    }
-    return SB_OK;
 }
 
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
