@@ -4753,15 +4753,25 @@ SB_API const char *sb_check_string(unsigned warning);
  *   Cells removed for good take their mass and its momentum along: velocities stay.
  * - Cells: one made with a parent has its region, fibre, rotation and what its Prony terms remember.
  * - Supports: a node made is supported along the axes that all its sources are, at their weighted targets; a copy
- *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
+ *   (SB_NODE_COPY) is not. A node moved keeps its supports, with weighted targets where all its sources have them. A
+ *   supported node without heirs cannot be removed (SB_ERROR_ARGUMENT): release it first.
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others that follow (sb_body_listen): embeddings, contact, needles. Registrations do not: their next step says so
- *   (SB_ERROR_STATE), and they are made anew.
+ * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
+ *   (SB_ERROR_STATE); an embedding does not know of the change. Both are made anew, an embedding from sb_body_get_mesh.
+ *
+ * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
+ * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
+ * the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again; both depend
+ * on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh. Everything is
+ * made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
+ * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
+ * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
+ * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
  *
  * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
  * as much again, and they have to be asked for anew. */
@@ -5000,8 +5010,9 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. Where nodes move in the
- * material, as a body's with needles do, ndl_remesh_original_positions gives what is to be handed in. Normals are
+ * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
+ * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where a needle changed it,
+ * ndl_remesh_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
@@ -5712,6 +5723,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4]);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -5809,6 +5822,14 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi, SSOR,
+ * IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again, from
+ * the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
+SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
+/* Does so now, if that is still to be done. */
+SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */
@@ -28335,6 +28356,7 @@ typedef struct sbi_matrix_live {
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
     int pack;                /* 1: rows are pushed together first */
+    int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
 } sbi_matrix_live;
 
@@ -28352,6 +28374,8 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
 /* Memory to follow a change; change or others may be NULL. SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
                                      const sbi_matrix_couplings *others, sb_error *error);
+/* Memory for changes with so many new couplings, both ways. */
+SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
  * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
@@ -29267,21 +29291,39 @@ static void sbi_live_merge_keys(sbi_matrix_live *live)
     live->key_count = count;
 }
 
+/* Room for so many keys; 0: no memory. */
+static int sbi_live_take_keys(sb_matrix *matrix, size_t most)
+{
+    sbi_matrix_live *live = matrix->live;
+    sbi_live_key *keys;
+    int capacity;
+    if (most <= (size_t)live->key_capacity)
+        return 1;
+    capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
+    keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
+    if (!keys)
+        return 0;
+    sbi_free(&matrix->allocator, live->keys);
+    live->keys = keys;
+    live->key_capacity = capacity;
+    return 1;
+}
+
+SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
+{
+    return sbi_live_take_keys(matrix, (size_t)couplings)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d new couplings", couplings);
+}
+
 /* Fills the plan; 0: no memory. */
 static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
 {
     sbi_matrix_live *live = matrix->live;
     int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
     size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
-    if (most > (size_t)live->key_capacity) {
-        int capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
-        sbi_live_key *keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
-        if (!keys)
-            return 0;
-        sbi_free(&matrix->allocator, live->keys);
-        live->keys = keys;
-        live->key_capacity = capacity;
-    }
+    if (!sbi_live_take_keys(matrix, most))
+        return 0;
     live->key_count = 0;
     for (int c = 0; c < cells; c++) {
         const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
@@ -29298,13 +29340,14 @@ static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const
 /* Places that the plan takes at the pool's end at most. */
 static size_t sbi_live_planned_places(const sb_matrix *matrix, int row_count)
 {
-    const sbi_matrix_live *live = matrix->live;
+    sbi_matrix_live *live = matrix->live;
     size_t places = SBI_LIVE_PIECE * (size_t)sbi_max_int(0, row_count - matrix->row_count);
     for (int k = 0, next; k < live->key_count; k = next) {
         int i = live->keys[k].row, is_new = i >= matrix->row_count;
         int length = is_new ? 1 : matrix->row_end[i] - matrix->row_start[i];
         for (next = k; next < live->key_count && live->keys[next].row == i; next++)
             length++;
+        live->longest = sbi_max_int(live->longest, length);
         if (is_new || length > live->room[i])
             places += (size_t)sbi_live_piece_places(length);
     }
@@ -29655,8 +29698,10 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     }
     sbi_live_copy_rows(matrix, NULL, &made, live);
     sbi_live_copy_pool(matrix, &made);
-    for (int i = 0; i < matrix->row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++) {
         live->room[i] = made.row_end[i] - made.row_start[i];
+        live->longest = sbi_max_int(live->longest, live->room[i]);
+    }
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             live->part_of[matrix->part_rows[k]] = c;
@@ -35365,7 +35410,7 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 
 
 enum {
-    SBI_PRECOND_MAX_ARRAYS = 32,
+    SBI_PRECOND_MAX_ARRAYS = 48,
     SBI_PRECOND_MAX_ATTEMPTS = 18,
     SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
                                  * factor of any positive definite one exists */
@@ -35385,6 +35430,7 @@ enum {
  * or next to it. */
 typedef struct sbi_precond_coarse {
     int piece_count, size; /* size = 6 piece_count */
+    int piece_room;        /* of a matrix that follows: pieces that there is memory for; otherwise 0 */
     int ready;             /* 1: it has values */
     int *piece_start;      /* [piece_count + 1] into piece_nodes */
     int *piece_nodes;      /* [row_count] nodes by piece */
@@ -35414,6 +35460,14 @@ struct sb_preconditioner {
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
     unsigned pattern_version; /* see sbi_matrix_version */
+    /* of a matrix that follows: the arrays are for as many rows and blocks as it has room for, and what depends on the
+     * pattern is made anew by the first update after a change, from matrix and rest shape alone */
+    int row_room, block_room, longest_room; /* 0: the matrix does not follow */
+    int stale;            /* 1: the pattern has changed since */
+    int wanted_pieces;    /* of the def */
+    const sb_vec3 *rest;  /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
+    int *scratch;         /* [8 row_room + block_room + 1] */
+    sb_vec3 *centres;     /* [row_room] */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -35429,9 +35483,14 @@ struct sb_preconditioner {
     /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
      * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
-    int *pairs;         /* [pairs][2] */
+    int *pairs;         /* [pair_room][2] */
+    size_t pair_room;
+    int unlisted;       /* 1: there is no room for the pairs; they are found again by each update */
+    int *place;         /* [row_room] of each node in the order, of a matrix that follows */
+    int *in_row;        /* [2][row_room] -1 between rows; of each half, in such a one */
+    int *found;         /* [2][2 longest_room] pairs of the block at work in each half */
     int longest;        /* blocks of the longest row */
-    float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
+    float *row;         /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
     int bad[2];         /* node of the first bad pivot of each half, or -1 */
     int relaxing;       /* 1: the update at work tries a lower shift */
     double trial;       /* its shift */
@@ -35495,6 +35554,8 @@ SBI_API double sbi_precond_power(double size);
 
 /* Takes the memory of L; halved: in two halves where that leaves few nodes between them. 0 when there is none. */
 SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
+/* L for the present pattern of a matrix that follows. */
+SBI_API void sbi_precond_shape_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
 /* inverse = D^-1 of A's diagonal blocks: node of one that is not positive definite, or -1. */
 SBI_API int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a);
 /* L of SSOR, after the diagonals */
@@ -35515,15 +35576,19 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 /* ---- precond_pieces ---- */
 
 /* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
- * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces; 0:
- * no memory. */
-SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
-                                    const sb_allocator *allocator, int *nodes, int *piece_of);
+ * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces.
+ * scratch [6 row_count + 1], centres [row_count]: scratch. */
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
+                                    sb_vec3 *centres, int *nodes, int *piece_of);
 
 /* ---- precond_coarse ---- */
 
 /* Cuts the nodes into some `pieces` and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
+/* Takes the memory for a matrix that follows and has room for so many pieces' rows; 0 when there is none. */
+SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces);
+/* Pieces of the present pattern of such a matrix; pieces 0: none. */
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
                                        const sbi_precond_beside *beside);
@@ -35536,6 +35601,7 @@ SBI_API void sbi_precond_project(const sbi_precond_job *job, sb_real *to);
 
 /* ==== src/softbody/solve/precond.c ==== */
 /* precond: factors, their application and the object. */
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -35838,14 +35904,14 @@ SB_API const char *sb_precond_string(sb_precond_kind kind)
     }
 }
 
-static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
+static int sbi_precond_pieces(const sb_preconditioner *p, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE || def->kind == SB_PRECOND_MULTIGRID)
+    if (!p->rest || p->kind == SB_PRECOND_NONE || p->kind == SB_PRECOND_MULTIGRID)
         return 0;
-    if (def->piece_count != SB_PRECOND_PIECES_AUTO)
-        return def->piece_count;
-    if (def->kind == SB_PRECOND_CHOLESKY) /* it leaves nothing to smooth */
+    if (p->wanted_pieces != SB_PRECOND_PIECES_AUTO)
+        return p->wanted_pieces;
+    if (p->kind == SB_PRECOND_CHOLESKY) /* it leaves nothing to smooth */
         return 0;
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
@@ -35942,7 +36008,7 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     } else if (p->kind == SB_PRECOND_CHOLESKY) {
         result = sbi_precond_make_direct(p, def, a);
     } else {
-        p->inverse = sbi_precond_take_floats(p, (size_t)a->row_count, 12);
+        p->inverse = sbi_precond_take_floats(p, (size_t)sbi_matrix_row_capacity(a), 12);
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
@@ -35952,22 +36018,58 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     return result;
 }
 
+/* Whether what this kind has of the pattern follows; kinds that do not are made anew. */
+static int sbi_precond_kind_follows(sb_precond_kind kind)
+{
+    return kind == SB_PRECOND_NONE || kind == SB_PRECOND_BLOCK_JACOBI || kind == SB_PRECOND_SSOR ||
+           kind == SB_PRECOND_IC0;
+}
+
+/* Scratch for the patterns to come of a matrix that follows; 0: no memory. */
+static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
+{
+    if (!a->live || !sbi_precond_kind_follows(p->kind))
+        return 1;
+    p->row_room = sbi_matrix_row_capacity(a);
+    p->block_room = sbi_matrix_capacity(a);
+    p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
+    if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
+        return 0;
+    p->scratch = sbi_precond_take_ints(p, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
+    p->centres = (sb_vec3 *)sbi_precond_take(p, (size_t)p->row_room, sizeof(sb_vec3));
+    return p->scratch && p->centres;
+}
+
+/* The pieces, once the smoother is there; 0: no memory. */
+static int sbi_precond_make_any_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces)
+{
+    int most = p->row_room ? sbi_precond_pieces(p, p->row_room) : pieces;
+    if (most == 0)
+        return 1;
+    if (!p->row_room)
+        return sbi_precond_make_coarse(p, a, p->rest, pieces);
+    if (!sbi_precond_take_coarse(p, most))
+        return 0;
+    sbi_precond_shape_coarse(p, a, pieces);
+    return 1;
+}
+
 static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
                                            sb_error *error)
 {
-    size_t rows = (size_t)a->row_count;
-    int pieces = sbi_precond_pieces(def, a->row_count);
+    size_t rows = (size_t)sbi_matrix_row_capacity(a);
+    int pieces = sbi_precond_pieces(p, a->row_count);
     sb_result result = SB_OK;
     p->middle = sbi_precond_take_floats(p, rows, 4);
     p->result = sbi_precond_take_floats(p, rows, 4);
     p->turns = sbi_precond_take_floats(p, rows, 12);
     p->held = sbi_precond_take_floats(p, rows, 4);
     p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
-    if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
+    if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed || !sbi_precond_take_following(p, a))
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
         result = sbi_precond_make_kind(p, def, a, pieces);
-    if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
+    if (result == SB_OK && !sbi_precond_make_any_coarse(p, a, pieces))
         result = SB_ERROR_MEMORY;
     if (result != SB_OK)
         return sbi_fail(error, result, "no memory for a preconditioner of %d rows", a->row_count);
@@ -36034,6 +36136,8 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->power = def->power;
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
+    p->rest = def->positions;
+    p->wanted_pieces = def->piece_count;
     p->row_count = pattern->row_count;
     p->block_count = sbi_matrix_used_blocks(pattern);
     p->lower_count = (p->block_count - pattern->row_count) / 2;
@@ -36069,6 +36173,42 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);
+}
+
+/* ---- patterns that change -------------------------------------------------------------------------------- */
+
+SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *matrix)
+{
+    if (!sbi_precond_kind_follows(p->kind))
+        return 0;
+    return p->kind == SB_PRECOND_NONE ||
+           (sbi_matrix_row_capacity(matrix) <= p->row_room && sbi_matrix_capacity(matrix) <= p->block_room &&
+            matrix->live->longest <= p->longest_room);
+}
+
+SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
+{
+    p->row_count = matrix->row_count;
+    p->block_count = sbi_matrix_used_blocks(matrix);
+    p->lower_count = (p->block_count - p->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(matrix);
+    p->rest = rest;
+    p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
+    p->ready = p->turned = 0;
+    p->coarse.ready = 0;
+    p->stale = 1;
+}
+
+SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
+{
+    int pieces = sbi_precond_pieces(p, p->row_count);
+    if (!p->stale)
+        return;
+    p->stale = 0;
+    if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
+        sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
+    if (p->coarse.piece_room)
+        sbi_precond_shape_coarse(p, matrix, pieces);
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -36169,6 +36309,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
+    sbi_precond_settle(p, matrix);
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;
@@ -36317,6 +36458,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
  * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
 #include <float.h>
 #include <limits.h>
+#include <string.h>
 
 
 /* ---- the lower triangle -------------------------------------------------------------------------------- */
@@ -36382,24 +36524,22 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. in_row [row_count] is
- * scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t *pair_start,
-                                     int *pairs)
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
     for (int k = 0; k < p->row_count; k++) {
         for (int e = p->start[k]; e < p->start[k + 1]; e++) {
             int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
+            if (room)
+                p->pair_start[e] = total;
             /* columns are in order, so in_row[] holds the m before j of this row when (i, j) is met */
             for (int b = p->start[place[j]]; b < p->start[place[j] + 1]; b++) {
                 if (in_row[p->columns[b]] < 0)
                     continue;
-                if (pairs) {
-                    pairs[2 * total] = in_row[p->columns[b]];
-                    pairs[2 * total + 1] = b;
+                if (total < room) {
+                    p->pairs[2 * total] = in_row[p->columns[b]];
+                    p->pairs[2 * total + 1] = b;
                 }
                 total++;
             }
@@ -36408,32 +36548,63 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
         for (int e = p->start[k]; e < p->start[k + 1]; e++)
             in_row[p->columns[e]] = -1;
     }
-    if (pairs)
-        pair_start[p->lower_count] = total;
+    if (room)
+        p->pair_start[p->lower_count] = total;
     return total;
 }
 
-static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row)
+/* Memory of the pairs: as many as there are, and of a matrix that follows as many again by half. */
+static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t total)
 {
-    size_t total;
+    size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
+    p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
+    p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
+    p->row = sbi_precond_take_floats(p, 2 * longest, 12);
+    if (p->row_room) {
+        p->place = sbi_precond_take_ints(p, (size_t)p->row_room);
+        p->in_row = sbi_precond_take_ints(p, 2 * (size_t)p->row_room);
+        p->found = sbi_precond_take_ints(p, 4 * longest);
+        if (!p->place || !p->in_row || !p->found)
+            return 0;
+    }
+    return p->pair_start && p->pairs && p->row;
+}
+
+/* Lists the pairs; may_take: their memory is still to be had. 0: there is none. */
+static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row, size_t lower, int may_take)
+{
     p->longest = 0;
     for (int k = 0; k < p->row_count; k++) {
         in_row[k] = -1;
         p->longest = sbi_max_int(p->longest, p->start[k + 1] - p->start[k]);
     }
-    total = sbi_precond_list_pairs(p, place, in_row, NULL, NULL);
-    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, 2 * (size_t)p->longest, 12);
-    if (!p->pair_start || !p->pairs || !p->row)
+    if (may_take && !sbi_precond_take_pairs(p, lower, sbi_precond_list_pairs(p, place, in_row, 0)))
         return 0;
-    sbi_precond_list_pairs(p, place, in_row, p->pair_start, p->pairs);
+    p->unlisted = sbi_precond_list_pairs(p, place, in_row, p->pair_room) > p->pair_room;
+    if (p->row_room) {
+        memcpy(p->place, place, (size_t)p->row_count * sizeof(int));
+        for (int k = 0; k < 2 * p->row_room; k++)
+            p->in_row[k] = -1;
+    }
     return 1;
+}
+
+/* Order, rows and pairs for a pattern; place: scratch [2 row_count]. */
+static int sbi_precond_fill_lower(sb_preconditioner *p, const sb_matrix *a, int halved, int *place, size_t lower,
+                                  int may_take)
+{
+    sbi_precond_make_order(p, a, halved);
+    for (int k = 0; k < p->row_count; k++)
+        place[p->order[k]] = k;
+    sbi_precond_fill_rows(p, a, place);
+    return p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + p->row_count, lower, may_take);
 }
 
 SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved)
 {
-    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
+    size_t rows = (size_t)(p->row_room ? p->row_room : p->row_count);
+    size_t lower = (size_t)(p->row_room ? p->block_room / 2 : p->lower_count);
     int *place = (int *)sbi_alloc(&p->allocator, rows, 2 * sizeof(int)), made;
     p->order = sbi_precond_take_ints(p, rows);
     p->start = sbi_precond_take_ints(p, rows + 1);
@@ -36441,15 +36612,15 @@ SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int
     p->source = sbi_precond_take_ints(p, lower);
     p->lower = sbi_precond_take_floats(p, lower, 12);
     made = place && p->order && p->start && p->columns && p->source && p->lower;
-    if (made) {
-        sbi_precond_make_order(p, a, halved);
-        for (int k = 0; k < p->row_count; k++)
-            place[p->order[k]] = k;
-        sbi_precond_fill_rows(p, a, place);
-        made = p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + rows);
-    }
+    if (made)
+        made = sbi_precond_fill_lower(p, a, halved, place, lower, 1);
     sbi_free(&p->allocator, place);
     return made;
+}
+
+SBI_API void sbi_precond_shape_lower(sb_preconditioner *p, const sb_matrix *a, int halved)
+{
+    sbi_precond_fill_lower(p, a, halved, p->scratch, 0, 0);
 }
 
 /* ---- factorisations ------------------------------------------------------------------------------------ */
@@ -36517,8 +36688,8 @@ SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
 
 /* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
  * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
-SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, const float *row,
-                                            float *out_row, sbi_float4 *d)
+SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, const int *pairs,
+                                            size_t pair_count, const float *row, float *out_row, sbi_float4 *d)
 {
     const sb_real *upper = a->blocks[p->source[e]];
     sb_real scale = (sb_real)p->matrix_scale;
@@ -36529,9 +36700,8 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
     SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
     SBI_PREFETCH(a->blocks[later], 64);
-    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = row + 12 * (size_t)p->pairs[2 * k],
-                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
+    for (size_t k = 0; k < pair_count; k++) {
+        const float *ut = row + 12 * (size_t)pairs[2 * k], *b = p->lower + 12 * (size_t)pairs[2 * k + 1];
         u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
         u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
         u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
@@ -36546,17 +36716,43 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     }
 }
 
+/* Row k where there was no room to list the pairs: they are found again, in the same order. */
+static void sbi_precond_eliminate_unlisted(sb_preconditioner *p, const sb_matrix *a, int k, int half, float *row,
+                                           sbi_float4 *d)
+{
+    int *in_row = p->in_row + (size_t)half * (size_t)p->row_room;
+    int *found = p->found + 2 * (size_t)half * (size_t)p->longest_room, begin = p->start[k];
+    for (int e = begin; e < p->start[k + 1]; e++) {
+        int at = p->place[p->columns[e]];
+        size_t count = 0;
+        for (int b = p->start[at]; b < p->start[at + 1]; b++) {
+            if (in_row[p->columns[b]] < 0)
+                continue;
+            found[2 * count] = in_row[p->columns[b]];
+            found[2 * count++ + 1] = b;
+        }
+        sbi_precond_eliminate(p, a, e, found, count, row, row + 12 * (size_t)(e - begin), d);
+        in_row[p->columns[e]] = e - begin;
+    }
+    for (int e = begin; e < p->start[k + 1]; e++)
+        in_row[p->columns[e]] = -1;
+}
+
 /* Rows of one part of the block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
 static int sbi_precond_factor_part(sb_preconditioner *p, const sb_matrix *a, int part, double shift)
 {
     float *row = p->row + 12 * (size_t)(part == 1 ? p->longest : 0); /* the halves may be at work together */
+    const size_t *at = p->pair_start;
     for (int k = p->part[part]; k < p->part[part + 1]; k++) {
         sbi_float4 d[3];
         float least[3];
         int i = p->order[k];
         sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
-        for (int e = p->start[k]; e < p->start[k + 1]; e++)
-            sbi_precond_eliminate(p, a, e, row, row + 12 * (size_t)(e - p->start[k]), d);
+        if (p->unlisted)
+            sbi_precond_eliminate_unlisted(p, a, k, part == 1, row, d);
+        for (int e = p->start[k]; e < p->start[k + 1] && !p->unlisted; e++)
+            sbi_precond_eliminate(p, a, e, p->pairs + 2 * at[e], at[e + 1] - at[e], row,
+                                  row + 12 * (size_t)(e - p->start[k]), d);
         if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
             return i;
     }
@@ -36730,6 +36926,35 @@ static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *node
     }
 }
 
+/* Brings the first `rank` nodes along an axis before the others (Hoare 1961): what sorting does, in linear time. */
+static void sbi_precond_select(const sb_vec3 *positions, int axis, int *nodes, int count, int rank)
+{
+    int low = 0, high = count - 1;
+    for (int round = 0; low < high; round++) {
+        int pivot = nodes[low + (high - low) / 2], i = low, j = high;
+        if (round == 64) { /* an order that defeats the choice of pivots */
+            sbi_precond_sort_nodes(positions, axis, nodes + low, high - low + 1);
+            return;
+        }
+        while (i <= j) {
+            int node;
+            while (sbi_precond_before(positions, axis, nodes[i], pivot))
+                i++;
+            while (sbi_precond_before(positions, axis, pivot, nodes[j]))
+                j--;
+            if (i > j)
+                break;
+            node = nodes[i];
+            nodes[i++] = nodes[j];
+            nodes[j--] = node;
+        }
+        if (rank > j && rank < i)
+            return;
+        high = rank <= j ? j : high;
+        low = rank >= i ? i : low;
+    }
+}
+
 static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
 {
     sb_real extent[3];
@@ -36762,21 +36987,23 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of
- * the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
+ * the side that was cut last (axis; -1: none was); returns the number of the next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
     int *nodes = m->nodes + begin;
     if (pieces == 1) {
+        if (axis >= 0)
+            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
-    sbi_precond_sort_nodes(m->positions, sbi_precond_longest_axis(m->positions, nodes, end - begin), nodes,
-                           end - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece);
+    axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
+    sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
+    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -36910,7 +37137,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0);
+    sbi_piece_cut(m, begin, end, share, 0, -1);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -36922,8 +37149,8 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     sbi_piece_line_up(m, begin, end, count);
 }
 
-SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
-                                    const sb_allocator *allocator, int *nodes, int *piece_of)
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
+                                    sb_vec3 *centres, int *nodes, int *piece_of)
 {
     size_t rows = (size_t)a->row_count;
     sbi_piece_maker m;
@@ -36932,21 +37159,17 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.positions = positions;
     m.nodes = nodes;
     m.piece_of = piece_of;
-    m.fragment_of = (int *)sbi_alloc(allocator, 6 * rows + 1, sizeof(int));
-    m.centres = (sb_vec3 *)sbi_alloc(allocator, rows, sizeof(sb_vec3));
-    if (m.fragment_of && m.centres) {
-        m.list = m.fragment_of + rows;
-        m.sizes = m.list + rows;
-        m.roots = m.sizes + rows;
-        m.touching = m.roots + rows;
-        m.start = m.touching + rows;
-        memset(m.touching, 0, rows * sizeof(int));
-        memcpy(nodes, a->part_rows, rows * sizeof(int));
-        for (int c = 0; c < a->part_count; c++)
-            sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
-    }
-    sbi_free(allocator, m.fragment_of);
-    sbi_free(allocator, m.centres);
+    m.fragment_of = scratch;
+    m.list = m.fragment_of + rows;
+    m.sizes = m.list + rows;
+    m.roots = m.sizes + rows;
+    m.touching = m.roots + rows;
+    m.start = m.touching + rows;
+    m.centres = centres;
+    memset(m.touching, 0, rows * sizeof(int));
+    memcpy(nodes, a->part_rows, rows * sizeof(int));
+    for (int c = 0; c < a->part_count; c++)
+        sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
     return m.piece_count;
 }
 
@@ -36987,33 +37210,46 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
     return entries;
 }
 
+/* Lists the matrix blocks of each entry. */
+static void sbi_precond_list_blocks(sbi_precond_coarse *c, const sb_matrix *a, int entries, const int *entry_of)
+{
+    memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
+    for (int i = 0; i < a->row_count; i++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            c->entry_start[entry_of[q] + 2]++;
+    for (int e = 0; e < entries; e++)
+        c->entry_start[e + 2] += c->entry_start[e + 1];
+    for (int i = 0; i < a->row_count; i++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+}
+
+static int sbi_precond_take_entries(sb_preconditioner *p, size_t entries, size_t blocks)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    c->entry_node = sbi_precond_take_ints(p, entries);
+    c->entry_start = sbi_precond_take_ints(p, entries + 2);
+    c->entry_blocks = sbi_precond_take_ints(p, blocks);
+    c->coupling = sbi_precond_take_floats(p, entries, 24);
+    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
+}
+
 static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries;
+    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
     if (!scratch)
         return 0;
     entry_of = scratch + rows;
     entries = sbi_precond_list_entries(c, a, scratch, entry_of);
-    c->entry_node = sbi_precond_take_ints(p, (size_t)entries);
-    c->entry_start = sbi_precond_take_ints(p, (size_t)entries + 2);
-    c->entry_blocks = sbi_precond_take_ints(p, blocks);
-    c->coupling = sbi_precond_take_floats(p, (size_t)entries, 24);
-    if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
+    made = sbi_precond_take_entries(p, (size_t)entries, blocks);
+    if (made) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
-        memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int i = 0; i < a->row_count; i++)
-            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
-                c->entry_start[entry_of[q] + 2]++;
-        for (int e = 0; e < entries; e++)
-            c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int i = 0; i < a->row_count; i++)
-            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
-                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        sbi_precond_list_blocks(c, a, entries, entry_of);
     }
     sbi_free(&p->allocator, scratch);
-    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
+    return made;
 }
 
 /* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
@@ -37033,18 +37269,25 @@ static void sbi_precond_make_reach(sbi_precond_coarse *c)
             c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
 }
 
-/* Takes the rows of the matrix: those of a piece as long as they reach. */
-static int sbi_precond_take_matrix(sb_preconditioner *p)
+/* Where the rows of the matrix begin: those of a piece are as long as they reach. Returns their end. */
+static size_t sbi_precond_line_rows(sbi_precond_coarse *c)
 {
-    sbi_precond_coarse *c = &p->coarse;
     size_t entries = 0;
-    c->row_at = (size_t *)sbi_precond_take(p, (size_t)c->piece_count, sizeof(size_t));
-    for (int a = 0; c->row_at && a < c->piece_count; a++) {
+    for (int a = 0; a < c->piece_count; a++) {
         c->row_at[a] = entries;
         entries += 6 * (size_t)(c->reach[a] - 6 * a);
     }
-    c->matrix = (double *)sbi_precond_take(p, entries, sizeof(double));
-    return c->row_at && c->matrix;
+    return entries;
+}
+
+/* Where each piece starts in the list of nodes. */
+static void sbi_precond_start_pieces(sbi_precond_coarse *c, int rows)
+{
+    c->size = 6 * c->piece_count;
+    for (int k = 0; k < rows; k++)
+        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
+            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
+    c->piece_start[c->piece_count] = rows;
 }
 
 /* Finds the pieces, and where each of them starts in the list of nodes. */
@@ -37052,45 +37295,91 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
+    int *scratch = (int *)sbi_alloc(&p->allocator, 6 * rows + 1, sizeof(int));
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, rows, sizeof(sb_vec3));
     c->piece_nodes = sbi_precond_take_ints(p, rows);
     c->piece_of = sbi_precond_take_ints(p, rows);
-    if (!c->piece_nodes || !c->piece_of)
-        return 0;
-    c->piece_count = sbi_precond_make_pieces(a, positions, pieces, &p->allocator, c->piece_nodes, c->piece_of);
+    if (c->piece_nodes && c->piece_of && scratch && centres)
+        c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
+    sbi_free(&p->allocator, scratch);
+    sbi_free(&p->allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
         return 0;
-    c->size = 6 * c->piece_count;
     c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
-    for (int k = 0; c->piece_start && k < a->row_count; k++)
-        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
-            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
     if (c->piece_start)
-        c->piece_start[c->piece_count] = a->row_count;
+        sbi_precond_start_pieces(c, a->row_count);
     return c->piece_start != NULL;
+}
+
+/* Arrays by node and piece. */
+static int sbi_precond_take_motions(sb_preconditioner *p, size_t rows, size_t pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    c->piece_entry = sbi_precond_take_ints(p, pieces + 1);
+    c->reach = sbi_precond_take_ints(p, pieces);
+    c->row_at = (size_t *)sbi_precond_take(p, pieces, sizeof(size_t));
+    c->arms = sbi_precond_take_floats(p, rows, 4);
+    c->free = sbi_precond_take_floats(p, rows, 4);
+    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
+    c->inverse = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
+    c->solution = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
+    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
+    return c->piece_entry && c->reach && c->row_at && c->arms && c->free && c->places && c->inverse && c->solution &&
+           c->positions;
 }
 
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    if (!sbi_precond_find_pieces(p, a, positions, pieces))
-        return 0;
-    c->piece_entry = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
-    c->reach = sbi_precond_take_ints(p, (size_t)c->piece_count);
-    c->arms = sbi_precond_take_floats(p, rows, 4);
-    c->free = sbi_precond_take_floats(p, rows, 4);
-    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->inverse = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
-    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_entry || !c->reach || !c->arms || !c->free || !c->places || !c->inverse || !c->solution ||
-        !c->positions)
+    if (!sbi_precond_find_pieces(p, a, positions, pieces) ||
+        !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    return sbi_precond_take_matrix(p);
+    c->matrix = (double *)sbi_precond_take(p, sbi_precond_line_rows(c), sizeof(double));
+    return c->matrix != NULL;
+}
+
+/* ---- of a matrix that follows --------------------------------------------------------------------------- */
+
+/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the last
+ * are one. Crumbs that a cut leaves are pieces of their own. */
+static int sbi_precond_most_pieces(int pieces) { return 2 * pieces + 32; }
+
+SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
+    c->piece_room = (int)most;
+    c->piece_nodes = sbi_precond_take_ints(p, rows);
+    c->piece_of = sbi_precond_take_ints(p, rows);
+    c->piece_start = sbi_precond_take_ints(p, most + 1);
+    c->matrix = (double *)sbi_precond_take(p, 18 * most * (most + 1), sizeof(double));
+    return c->piece_nodes && c->piece_of && c->piece_start && c->matrix && sbi_precond_take_motions(p, rows, most) &&
+           sbi_precond_take_entries(p, blocks, blocks);
+}
+
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room), rows = a->row_count, entries;
+    int *marker = p->scratch, *entry_of = p->scratch + rows;
+    c->ready = c->piece_count = c->size = 0;
+    if (pieces == 0)
+        return;
+    c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of);
+    for (int i = 0; i < rows && c->piece_count > most; i++)
+        c->piece_of[i] = sbi_min_int(c->piece_of[i], most - 1);
+    c->piece_count = sbi_min_int(c->piece_count, most);
+    sbi_precond_start_pieces(c, rows);
+    memcpy(c->positions, p->rest, (size_t)rows * sizeof(sb_vec3));
+    entries = sbi_precond_list_entries(c, a, marker, entry_of);
+    sbi_precond_list_blocks(c, a, entries, entry_of);
+    sbi_precond_make_reach(c);
+    sbi_precond_line_rows(c);
 }
 
 /* Row k of the matrix: entries from the first of k's piece to its reach, to be read at [column]. */
@@ -39809,6 +40098,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    sb_real gradients[12];
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_element_shape(element, points[0], NULL, local);
+    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+}
+
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
 {
     for (int e = domain->cell_count; e < change->cell_end; e++)
@@ -41567,6 +41866,8 @@ SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix
 /* Memory to follow a change that domain and matrix have room for already. */
 SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
                                        sb_error *error);
+/* Memory for changes that make so many cells. */
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error);
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
@@ -43890,6 +44191,13 @@ static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
     return 1;
 }
 
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
+{
+    return sbi_assembly_reserve_inherited(assembly, cells)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
+}
+
 SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
                                        sb_error *error)
 {
@@ -45355,6 +45663,9 @@ SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
+/* Of a body that follows: masses of a cell's corners, and the sums of a node over its cells in ascending order. */
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell);
+SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */
@@ -45450,6 +45761,12 @@ typedef struct sbi_live {
     sb_quadrature_kind rule;  /* of the domain's points */
     int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;             /* of the def */
+    sb_real *masses;          /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
+    int *node_marks;          /* [nodes.capacity] zeros between calls */
+    unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
+    sb_body_change *spare;    /* a change with its lists, for the next one; NULL while it is open */
+    void *lists;              /* behind the lists of a change while it is made */
+    size_t list_bytes;
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -45472,6 +45789,11 @@ typedef struct sbi_live_mesh {
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_destroy(sb_body *body);
+SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
+/* A change with lists for so many cells, for the first to begin. */
+SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error);
+/* Lists for the changes to come of a body that is made. */
+SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 
 /* Room for a mesh with copies of these slots. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
@@ -45500,6 +45822,38 @@ SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, s
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
 /* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
 SBI_API void sbi_live_label_nodes(sb_body *body);
+/* The rest of those who follow. */
+SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error);
+
+/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
+typedef struct sbi_live_moment {
+    double mass, linear[3], angular[3], linear_size, angular_size;
+} sbi_live_moment;
+/* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
+typedef struct sbi_live_balance {
+    sb_vec3 about;
+    sbi_live_moment all, parents;
+} sbi_live_balance;
+/* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
+ * is none, and nothing to keep. */
+SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
+                                        const sb_vec3 *motion);
+/* Gives the nodes of the cells that changed what is missing of it. */
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
+                                    sb_vec3 *motion);
+/* What has a value for each node that goes on from step to step. */
+enum { SBI_LIVE_CARRIED = 8 };
+SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);
+/* Motion of a node made (or moved with sources), from the body before the change. */
+typedef struct sbi_live_motion {
+    int node;                /* -1: it keeps what it has */
+    unsigned char fixed;
+    sb_vec3 displacement, velocity, acceleration, target;
+} sbi_live_motion;
+SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index);
+SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index);
+
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 
@@ -45580,6 +45934,7 @@ struct sb_body_change {
     struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
     struct { sbi_change_entry *items; int count, capacity; } entries;
     struct { sb_real *items; int count, capacity; } log_reals;
+    int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most; /* upper bound of the cells reshaped */
     int version;       /* of the body's mesh at the beginning */
 };
@@ -45593,7 +45948,20 @@ typedef struct sbi_change_lists {
     unsigned char *made_copies;
     sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
+    sbi_live_motion *motions; /* [made and moved nodes] */
+    sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
 } sbi_change_lists;
+
+/* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
+ * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has happened; 1: *result
+ * says how it went. */
+SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
+                            sb_result *result, sb_error *error);
+/* Asks all listeners; on failure those asked before give up. */
+SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error);
+/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
+SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
+                                         sb_error *error);
 
 #endif /* SB_LIVE_CHANGE_H */
 
@@ -46106,6 +46474,42 @@ static void sbi_body_tilt_masses(sb_body *body)
         }
 }
 
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
+    sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_body_gather_reference(body, cell, x);
+    sbi_domain_element_mass(&body->domain, cell, SB_MASS_LUMPED, x, mass, load);
+    for (int a = 0; a < 4; a++) {
+        out[a] = density * mass[5 * a];
+        out[4 + a] = density * load[a];
+    }
+}
+
+/* Adds what a cell of a body that follows weighs to its nodes. */
+static void sbi_body_add_cell_mass(sb_body *body, int cell)
+{
+    const sb_real *masses = body->live->masses + 8 * (size_t)cell;
+    for (int a = 0; a < 4; a++) {
+        int node = body->domain.cells[4 * (size_t)cell + (size_t)a];
+        body->lumped_mass[node] += masses[a];
+        body->load_mass[node] += masses[4 + a];
+    }
+}
+
+SBI_API void sbi_body_sum_node_mass(sb_body *body, int node)
+{
+    sb_real mass = 0, load = 0;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        const sb_real *masses = body->live->masses + 8 * (size_t)(at / 4) + at % 4;
+        mass += masses[0];
+        load += masses[4];
+    }
+    body->lumped_mass[node] = mass;
+    body->load_mass[node] = load;
+}
+
 SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
@@ -46125,6 +46529,11 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         if (body->mass_blocks) {
             sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
+        }
+        if (sbi_live_follows(body)) {
+            sbi_body_weigh_cell(body, e);
+            sbi_body_add_cell_mass(body, e);
+            continue;
         }
         lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {
@@ -46600,6 +47009,8 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    if (body->live && (double)needed * (1 + body->live->slack) < (double)most / 2) /* changes split what is supported */
+        needed += (int)((double)needed * body->live->slack);
     return sbi_body_reserve_support_blocks(body, needed);
 }
 
@@ -47007,6 +47418,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
         memset(&none, 0, sizeof none);
         return none;
     }
+    sbi_precond_settle(body->precond, &body->matrix);
     return sb_preconditioner_get_info(body->elimination ? body->elimination->precond : body->precond);
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
@@ -47802,6 +48214,8 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
     if (result != SB_OK)
         return result;
     sbi_body_materials_changed(body);
@@ -49145,6 +49559,7 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
     sbi_live *live;
+    sb_result result;
     body->node_capacity = nodes;
     if (def->slack == 0)
         return SB_OK;
@@ -49169,7 +49584,22 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
     live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
-    return sbi_live_take_cells(body, error);
+    result = sbi_live_take_marks(body, error);
+    return result == SB_OK ? sbi_live_take_cells(body, error) : result;
+}
+
+SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
+{
+    sbi_live *live = body->live;
+    const sb_allocator *allocator = &body->allocator;
+    size_t nodes = (size_t)live->nodes.capacity, cells = (size_t)live->cells.capacity;
+    live->node_marks = (int *)sbi_alloc_zeroed(allocator, nodes, sizeof(int));
+    live->cell_marks = (unsigned char *)sbi_alloc_zeroed(allocator, cells, 1);
+    if (live->follows)
+        live->masses = (sb_real *)sbi_alloc_zeroed(allocator, cells, 8 * sizeof(sb_real));
+    return live->node_marks && live->cell_marks && (live->masses || !live->follows)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
@@ -49205,6 +49635,502 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
     }
 }
 
+/* ---- what every change asks ---- */
+
+SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->listener_count; i++) {
+        const sb_body_listener *calls = &live->listeners[i].calls;
+        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
+        for (int k = 0; k < i && result != SB_OK; k++)
+            if (live->listeners[k].calls.give_up)
+                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
+                                         sb_error *error)
+{
+    for (int i = 0; i < change->removed_node_count; i++) {
+        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
+            if (!sbi_slots_is_used(nodes, change->heirs[k]))
+                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
+                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
+                                     node);
+        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "node %d is supported and has no heir: release it before it is removed", node);
+    }
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/live_follow.c ==== */
+/* live_follow: a change made on the body in place, at the cost of what changed.
+ *
+ * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to live_build.c,
+ * which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes, chunks and
+ * preconditioner depend on the mesh alone. */
+
+#include <string.h>
+
+
+typedef struct sbi_live_following {
+    sb_body *body;
+    sb_body_change *change;
+    const sbi_change_lists *lists;
+    const sb_mesh_change *out;
+    int old_nodes, old_cells; /* ends before */
+    sbi_live_balance velocity, acceleration;
+    int first;                /* see sbi_live_first_changed */
+} sbi_live_following;
+
+/* ---- whether it can be done here ---- */
+
+/* Calls with the nodes of all cells that go, come or change shape. */
+typedef void sbi_live_each(sbi_live_following *work, int node, int by);
+static void sbi_live_each_node(sbi_live_following *work, sbi_live_each *each)
+{
+    const sb_mesh_change *out = work->out;
+    for (int k = 0; k < 4 * out->removed_cell_count; k++)
+        each(work, out->removed_cell_nodes[k], -1);
+    for (int k = 0; k < 4 * out->made_cell_count; k++)
+        each(work, out->made_cell_nodes[k], 1);
+    for (int k = 0; k < 4 * out->reshaped_cell_count; k++)
+        each(work, work->body->domain.cells[4 * (size_t)out->reshaped_cells[k / 4] + (size_t)(k % 4)], 0);
+}
+
+static void sbi_live_mark_node(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    work->body->live->node_marks[node] = 1;
+}
+
+static void sbi_live_unmark_node(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    work->body->live->node_marks[node] = 0;
+}
+
+/* 1 when a row of a load has a node that goes or moves, or nodes of changed cells only: it may be in one. */
+static int sbi_live_row_is_touched(const sbi_live_following *work, const sbi_load *load, int row)
+{
+    const int *marks = work->body->live->node_marks;
+    int all = 1;
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++) {
+        all &= marks[load->nodes[k]] != 0;
+        if (marks[load->nodes[k]] == 2)
+            return 1;
+    }
+    return all && load->kind != SBI_LOAD_SPRINGS;
+}
+
+static int sbi_live_loads_are_touched(sbi_live_following *work)
+{
+    const sb_body *body = work->body;
+    const sb_mesh_change *out = work->out;
+    int touched = 0;
+    if (!body->load_count)
+        return 0;
+    sbi_live_each_node(work, sbi_live_mark_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        body->live->node_marks[out->removed_nodes[i]] = 2;
+    for (int i = 0; i < out->moved_node_count; i++)
+        body->live->node_marks[out->moved_nodes[i]] = 2;
+    for (int l = 0; l < body->load_count && !touched; l++)
+        for (int j = 0; j < body->loads[l].row_count && !touched; j++)
+            touched = sbi_live_row_is_touched(work, body->loads + l, j);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        body->live->node_marks[out->removed_nodes[i]] = 0;
+    for (int i = 0; i < out->moved_node_count; i++)
+        body->live->node_marks[out->moved_nodes[i]] = 0;
+    return touched;
+}
+
+/* What of the body decides. */
+static int sbi_live_body_fits(const sb_body *body, const sb_body_change *change)
+{
+    return sbi_live_follows(body) && !body->elimination && !body->extra_count && !body->tie_count &&
+           change->nodes.capacity == body->live->nodes.capacity &&
+           change->cells.capacity == body->live->cells.capacity && change->nodes.end > 0 && change->cells.end > 0 &&
+           change->cells.fresh > change->cells.count;
+}
+
+static int sbi_live_count_cells_of(const sb_body *body, int node)
+{
+    int count = 0;
+    if (node >= body->domain.node_count)
+        return 0;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+        count++;
+    return count;
+}
+
+static void sbi_live_count_node(sbi_live_following *work, int node, int by)
+{
+    work->body->live->node_marks[node] += by;
+}
+
+static void sbi_live_count_gone(sbi_live_following *work, int node, int by)
+{
+    work->body->live->node_marks[node] += by < 0;
+}
+
+/* 1 when nodes that go lose all of their cells. Marks are 0 after it. */
+static int sbi_live_leave_all(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    int good = 1;
+    sbi_live_each_node(work, sbi_live_count_gone);
+    for (int i = 0; i < out->removed_node_count && good; i++)
+        good = work->body->live->node_marks[out->removed_nodes[i]] ==
+               sbi_live_count_cells_of(work->body, out->removed_nodes[i]);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    return good;
+}
+
+/* 1 when all other nodes of changed cells, and all made ones, have a cell afterwards. */
+static int sbi_live_keep_some(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body *body = work->body;
+    const int *marks = body->live->node_marks;
+    int good = 1;
+    sbi_live_each_node(work, sbi_live_count_node);
+    for (int k = 0; k < 4 * out->removed_cell_count && good; k++) {
+        int node = out->removed_cell_nodes[k];
+        good = !sbi_slots_is_used(&work->change->nodes, node) ||
+               sbi_live_count_cells_of(body, node) + marks[node] > 0;
+    }
+    for (int i = 0; i < out->made_node_count && good; i++)
+        good = sbi_live_count_cells_of(body, out->made_nodes[i]) + marks[out->made_nodes[i]] > 0;
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    return good;
+}
+
+/* The rest shape to come: node_marks hold 1 + the index of made nodes, and -1 - that of moved ones. */
+static void sbi_live_mark_places(const sbi_live_following *work, int on)
+{
+    const sb_mesh_change *out = work->out;
+    int *marks = work->body->live->node_marks;
+    for (int i = 0; i < out->made_node_count; i++)
+        marks[out->made_nodes[i]] = on ? 1 + i : 0;
+    for (int i = 0; i < out->moved_node_count; i++)
+        marks[out->moved_nodes[i]] = on ? -1 - i : 0;
+}
+
+static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
+{
+    int mark = work->body->live->node_marks[node];
+    const sb_body_change *change = work->change;
+    if (mark > 0)
+        return change->made_nodes.items[change->node_at[node] - 1].position;
+    return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
+}
+
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes)
+{
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = sbi_live_place(work, nodes[a]);
+    return sbi_domain_is_upright(&work->body->domain, x);
+}
+
+/* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
+static int sbi_live_cells_are_good(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    int good = 1;
+    for (int k = 0; k < out->made_cell_count && good; k++) {
+        const int *n = out->made_cell_nodes + 4 * (size_t)k;
+        for (int a = 0; a < 4; a++)
+            good &= sbi_slots_is_used(&work->change->nodes, n[a]);
+        good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
+        good = good && sbi_live_cell_is_upright(work, n);
+    }
+    for (int k = 0; k < out->reshaped_cell_count && good; k++)
+        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k]);
+    return good;
+}
+
+static int sbi_live_change_fits(sbi_live_following *work)
+{
+    int good;
+    sbi_live_mark_places(work, 1);
+    good = sbi_live_cells_are_good(work); /* corners are in range after it */
+    sbi_live_mark_places(work, 0);
+    return good && sbi_live_leave_all(work) && sbi_live_keep_some(work) &&
+           sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
+           !sbi_live_loads_are_touched(work);
+}
+
+/* ---- memory ---- */
+
+/* Room for what the rooms will have. 0: some array is too small. */
+static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_error *error)
+{
+    sb_body *body = work->body;
+    int blocks = sbi_matrix_capacity(&body->matrix), supports;
+    *result = sbi_matrix_reserve(&body->matrix, work->out, NULL, error);
+    if (*result != SB_OK)
+        return 1;
+    if (sbi_matrix_capacity(&body->matrix) != blocks || !sbi_precond_reserve(body->precond, &body->matrix))
+        return 0;
+    *result = sbi_domain_reserve(&body->domain, work->out, error);
+    if (*result == SB_OK)
+        *result = sbi_assembly_reserve(&body->assembly, &body->matrix, work->out, error);
+    supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
+    if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
+        *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
+    return 1;
+}
+
+/* ---- what is read before anything changes ---- */
+
+static void sbi_live_read_motions(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sbi_live_motion *motions = work->lists->motions;
+    for (int i = 0; i < out->made_node_count; i++)
+        motions[i] = sbi_live_made_motion(work->body, out, i);
+    for (int i = 0; i < out->moved_node_count; i++)
+        motions[out->made_node_count + i] = sbi_live_moved_motion(work->body, out, i);
+    for (int i = 0; i < out->removed_node_count; i++)
+        work->lists->forces[i] = work->body->dead_load[out->removed_nodes[i]];
+}
+
+/* Where a node will be in space. */
+static sb_vec3 sbi_live_position(const sbi_live_following *work, int node)
+{
+    int mark = work->body->live->node_marks[node];
+    const sbi_live_motion *motion =
+        mark > 0 ? work->lists->motions + mark - 1 : work->lists->motions + work->out->made_node_count - 1 - mark;
+    sb_vec3 u = mark == 0 || motion->node < 0 ? work->body->displacement[node] : motion->displacement;
+    return sb_v3_add(sbi_live_place(work, node), u);
+}
+
+static void sbi_live_read_momentum(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body *body = work->body;
+    int node = -1;
+    sb_vec3 about;
+    work->first = sbi_live_first_changed(out);
+    if (work->first < 0)
+        return;
+    for (int k = 0; k < out->made_cell_count && node < 0; k++)
+        if (out->made_cells[k] == work->first)
+            node = out->made_cell_nodes[4 * (size_t)k];
+    node = node < 0 ? body->domain.cells[4 * (size_t)work->first] : node;
+    sbi_live_mark_places(work, 1);
+    about = sbi_live_position(work, node);
+    sbi_live_mark_places(work, 0);
+    work->velocity = sbi_live_weigh(body, out, about, body->velocity);
+    if (body->acceleration_known)
+        work->acceleration = sbi_live_weigh(body, out, about, body->acceleration);
+}
+
+/* ---- following ---- */
+
+/* A slot of a node without anything. */
+static void sbi_live_blank_node(sb_body *body, int node)
+{
+    sb_vec3 *carried[SBI_LIVE_CARRIED];
+    sbi_live_list_carried(body, carried);
+    for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+        carried[k][node] = sb_v3(0, 0, 0);
+    body->reference[node] = body->position[node] = sb_v3(0, 0, 0);
+    body->lumped_mass[node] = body->load_mass[node] = 0;
+    body->fixed[node] = SB_XYZ;
+    body->node_component[node] = -1;
+}
+
+static void sbi_live_put_motion(sb_body *body, const sbi_live_motion *motion)
+{
+    body->displacement[motion->node] = motion->displacement;
+    body->velocity[motion->node] = motion->velocity;
+    body->acceleration[motion->node] = motion->acceleration;
+    body->target[motion->node] = motion->target;
+    body->fixed[motion->node] = motion->fixed;
+}
+
+/* Shape, motion, supports and dead loads by node. */
+static void sbi_live_follow_nodes_of_body(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body_change *change = work->change;
+    const sbi_live_motion *motions = work->lists->motions;
+    sb_body *body = work->body;
+    for (int i = work->old_nodes; i < out->node_end; i++)
+        sbi_live_blank_node(body, i);
+    for (int i = 0; i < out->removed_node_count; i++)
+        sbi_live_blank_node(body, out->removed_nodes[i]);
+    for (int i = 0; i < out->made_node_count; i++) {
+        int node = out->made_nodes[i];
+        sbi_live_blank_node(body, node);
+        sbi_live_put_motion(body, motions + i);
+        body->reference[node] = change->made_nodes.items[change->node_at[node] - 1].position;
+        body->position[node] = sb_v3_add(body->reference[node], body->displacement[node]);
+    }
+    for (int i = 0; i < out->moved_node_count; i++) {
+        int node = out->moved_nodes[i];
+        if (motions[out->made_node_count + i].node >= 0)
+            sbi_live_put_motion(body, motions + out->made_node_count + i);
+        body->reference[node] = change->moved_nodes.items[i].position;
+        body->position[node] = sb_v3_add(body->reference[node], body->displacement[node]);
+    }
+    for (int i = 0; i < out->removed_node_count; i++)
+        for (int k = out->heir_start[i]; k < out->heir_start[i + 1]; k++) {
+            sb_vec3 force = work->lists->forces[i], *load = body->dead_load + out->heirs[k];
+            if (force.x != 0 || force.y != 0 || force.z != 0)
+                *load = sb_v3_madd(*load, out->heir_weights[k], force);
+        }
+}
+
+/* Shares, regions and fibres by cell; slots. */
+static void sbi_live_follow_cells_of_body(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body_change *change = work->change;
+    sb_body *body = work->body;
+    sbi_live *live = body->live;
+    sbi_slots slots;
+    for (int e = work->old_cells; e < out->cell_end; e++) {
+        live->shares[e] = 0;
+        body->cell_material[e] = 0;
+        if (body->fibres)
+            body->fibres[e] = sb_v3(0, 0, 0);
+    }
+    for (int i = 0; i < out->removed_cell_count; i++) {
+        live->shares[out->removed_cells[i]] = 0;
+        body->cell_material[out->removed_cells[i]] = 0;
+    }
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        live->shares[cell->cell] = cell->share;
+        body->cell_material[cell->cell] = cell->material;
+        if (body->fibres)
+            body->fibres[cell->cell] = cell->fibre;
+    }
+    slots = live->nodes, live->nodes = change->nodes, change->nodes = slots;
+    slots = live->cells, live->cells = change->cells, change->cells = slots;
+}
+
+/* Nodes that were in no cell and are now are free to move. */
+static void sbi_live_wake_node(sbi_live_following *work, int node, int by)
+{
+    sb_body *body = work->body;
+    if (by > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
+        !work->change->node_at[node])
+        body->fixed[node] = 0;
+}
+
+static void sbi_live_sum_node_of(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    if (node >= work->body->domain.node_count || work->body->live->node_marks[node])
+        return;
+    work->body->live->node_marks[node] = 1;
+    sbi_body_sum_node_mass(work->body, node);
+}
+
+static void sbi_live_follow_masses(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    if (body->mass_blocks) { /* they are in other places */
+        sbi_body_update_mass(body);
+        return;
+    }
+    for (int i = 0; i < out->made_cell_count; i++)
+        sbi_body_weigh_cell(body, out->made_cells[i]);
+    for (int i = 0; i < out->reshaped_cell_count; i++)
+        sbi_body_weigh_cell(body, out->reshaped_cells[i]);
+    sbi_live_each_node(work, sbi_live_sum_node_of);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+}
+
+/* Blocks in the rows of supports. */
+static void sbi_live_count_supports(sb_body *body)
+{
+    body->support_used = 0;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            body->support_used += body->matrix.row_end[i] - body->matrix.row_start[i];
+}
+
+/* Rotations and memory of cells made without a parent. */
+static void sbi_live_forget(sb_body *body, const sb_mesh_change *out)
+{
+    int forgot = 0;
+    for (int i = 0; i < out->made_cell_count; i++)
+        if (out->made_parents[i] < 0) {
+            sbi_assembly_forget_cell(&body->assembly, out->made_cells[i], body->displacement);
+            forgot = 1;
+        }
+    if (forgot)
+        sbi_assembly_begin_step(&body->assembly, 0);
+}
+
+static void sbi_live_follow_all(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    sbi_live_follow_nodes_of_body(work);
+    sbi_live_follow_cells_of_body(work);
+    sbi_domain_follow(&body->domain, out, body->reference);
+    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_assembly_follow(&body->assembly, &body->matrix, out);
+    sbi_live_each_node(work, sbi_live_wake_node);
+    sbi_body_label_nodes(body);
+    sbi_live_count_supports(body);
+    sbi_live_follow_masses(work);
+    sbi_precond_follow(body->precond, &body->matrix, body->reference);
+    body->pcg.row_count = body->domain.node_count;
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    body->force_current = 0;
+    memset(&body->guard, 0, sizeof body->guard);
+    body->pattern_version++;
+    body->live->version++;
+    sbi_live_forget(body, out);
+    if (work->first < 0)
+        return;
+    sbi_live_keep_momentum(body, out, &work->velocity, body->velocity);
+    if (body->acceleration_known)
+        sbi_live_keep_momentum(body, out, &work->acceleration, body->acceleration);
+}
+
+SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
+                            sb_result *result, sb_error *error)
+{
+    sbi_live_following work;
+    memset(&work, 0, sizeof work);
+    work.body = change->body;
+    work.change = change;
+    work.lists = lists;
+    work.out = out;
+    work.old_nodes = work.body->domain.node_count;
+    work.old_cells = work.body->domain.cell_count;
+    if (!sbi_live_body_fits(work.body, change) || !sbi_live_change_fits(&work) ||
+        !sbi_live_reserve(&work, result, error))
+        return 0;
+    if (*result == SB_OK)
+        *result = sbi_live_ask_listeners(work.body, out, error);
+    if (*result != SB_OK)
+        return 1;
+    sbi_live_read_motions(&work);
+    sbi_live_read_momentum(&work);
+    sbi_live_follow_all(&work);
+    return 1;
+}
+
 /* ==== src/softbody/body/live_mesh.c ==== */
 /* live_mesh: readings and listeners of a mesh that may change. */
 
@@ -49212,12 +50138,31 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
 
 /* ---- what a body has of it ---- */
 
+enum { SBI_LIVE_LISTED = 1024 }; /* cells that the lists of a change have room for from the beginning, or the slack */
+
+SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error)
+{
+    int more = body->live ? body->live->cells.capacity - body->domain.cell_count : 0;
+    int cells = sbi_max_int(16, sbi_min_int(more, SBI_LIVE_LISTED));
+    sb_result result = body->live ? sbi_change_take_spare(body, cells, error) : SB_OK;
+    if (result == SB_OK && sbi_live_follows(body))
+        result = sbi_matrix_reserve_plan(&body->matrix, 12 * cells, error);
+    if (result == SB_OK && sbi_live_follows(body))
+        result = sbi_assembly_reserve_parents(&body->assembly, cells, error);
+    return result;
+}
+
 SBI_API void sbi_live_destroy(sb_body *body)
 {
     sbi_live *live = body->live;
     if (!live)
         return;
     sb_body_change_cancel(live->open);
+    sbi_change_destroy(live->spare);
+    sbi_free(&body->allocator, live->lists);
+    sbi_free(&body->allocator, live->masses);
+    sbi_free(&body->allocator, live->node_marks);
+    sbi_free(&body->allocator, live->cell_marks);
     sbi_slots_free(&live->nodes, &body->allocator);
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);
@@ -49528,16 +50473,34 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
     return SB_OK;
 }
 
-/* More slots of one kind: half as many again. */
-static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots)
+/* An index of records for so many slots; NULL: no memory. */
+static int *sbi_change_make_index(sb_body_change *change, int capacity, const int *old, int old_capacity)
 {
+    int *index = (int *)sbi_alloc_zeroed(&change->body->allocator, (size_t)capacity, sizeof(int));
+    if (index && old)
+        memcpy(index, old, (size_t)old_capacity * sizeof(int));
+    return index;
+}
+
+/* More slots of one kind: half as many again. */
+static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots, int **index)
+{
+    const sb_allocator *allocator = &change->body->allocator;
     sbi_slots grown;
     int64_t capacity = (int64_t)slots->capacity + slots->capacity / 2 + 16;
+    int *more;
     if (slots->count || slots->fresh < slots->capacity)
         return 1;
-    if (capacity > INT32_MAX / 8 || !sbi_slots_copy(&grown, slots, (int)capacity, &change->body->allocator))
+    if (capacity > INT32_MAX / 8)
         return 0;
-    sbi_slots_free(slots, &change->body->allocator);
+    more = sbi_change_make_index(change, (int)capacity, *index, slots->capacity);
+    if (!more || !sbi_slots_copy(&grown, slots, (int)capacity, allocator)) {
+        sbi_free(allocator, more);
+        return 0;
+    }
+    sbi_free(allocator, *index);
+    sbi_slots_free(slots, allocator);
+    *index = more;
     *slots = grown;
     return 1;
 }
@@ -49561,6 +50524,67 @@ static void sbi_change_log_vector(sb_body_change *change, sb_vec3 v)
 
 /* ---- begin and end ---- */
 
+/* Slots as those of the body, and an index of as many; 0: no memory. */
+static int sbi_change_copy_slots(sb_body_change *change, sbi_slots *to, const sbi_slots *from, int **index)
+{
+    const sb_allocator *allocator = &change->body->allocator;
+    if (to->capacity == from->capacity && *index) {
+        to->end = from->end;
+        to->fresh = from->fresh;
+        to->count = from->count;
+        memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
+        memcpy(to->used, from->used, (size_t)from->capacity);
+        return 1;
+    }
+    sbi_slots_free(to, allocator);
+    sbi_free(allocator, *index);
+    *index = sbi_change_make_index(change, from->capacity, NULL, 0);
+    return *index && sbi_slots_copy(to, from, 0, allocator);
+}
+
+/* Clears the lists; they keep their memory. */
+static void sbi_change_clear(sb_body_change *change)
+{
+    for (int i = 0; i < change->made_nodes.count; i++)
+        change->node_at[change->made_nodes.items[i].node] = 0;
+    for (int i = 0; i < change->made_cells.count; i++)
+        change->cell_at[change->made_cells.items[i].cell] = 0;
+    change->made_nodes.count = change->removed_nodes.count = change->moved_nodes.count = 0;
+    change->made_cells.count = change->removed_cells.count = 0;
+    change->entries.count = change->corners.count = 0;
+    change->log_ints.count = change->log_reals.count = 0;
+}
+
+/* An empty change with room in its lists for so many cells, or NULL. */
+static sb_body_change *sbi_change_make(sb_body *body, int cells)
+{
+    sb_body_change *change = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *change);
+    if (!change)
+        return NULL;
+    change->body = body;
+    if (!SBI_CHANGE_ROOM(change, made_nodes, cells) || !SBI_CHANGE_ROOM(change, removed_nodes, cells) ||
+        !SBI_CHANGE_ROOM(change, moved_nodes, cells) || !SBI_CHANGE_ROOM(change, made_cells, cells) ||
+        !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
+        !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
+        !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, 12 * cells) ||
+        !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
+        !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
+        sbi_change_destroy(change);
+        return NULL;
+    }
+    return change;
+}
+
+SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
+{
+    size_t bytes = 4096 + 512 * (size_t)cells;
+    body->live->spare = sbi_change_make(body, cells);
+    body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
+    body->live->list_bytes = body->live->lists ? bytes : 0;
+    return body->live->spare && body->live->lists ? SB_OK : sbi_change_no_memory(error);
+}
+
 SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error)
 {
     sb_body_change *made;
@@ -49570,16 +50594,12 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: def.slack was 0");
     if (body->live->open)
         return sbi_fail(error, SB_ERROR_STATE, "another change of this body is open");
-    made = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
-    if (!made)
+    made = body->live->spare;
+    if (!sbi_change_copy_slots(made, &made->nodes, &body->live->nodes, &made->node_at) ||
+        !sbi_change_copy_slots(made, &made->cells, &body->live->cells, &made->cell_at))
         return sbi_change_no_memory(error);
-    made->body = body;
     made->version = body->live->version;
-    if (!sbi_slots_copy(&made->nodes, &body->live->nodes, 0, &body->allocator) ||
-        !sbi_slots_copy(&made->cells, &body->live->cells, 0, &body->allocator)) {
-        sb_body_change_cancel(made);
-        return sbi_change_no_memory(error);
-    }
+    body->live->spare = NULL;
     body->live->open = made;
     *change = made;
     return SB_OK;
@@ -49587,14 +50607,23 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
 
 SB_API void sb_body_change_cancel(sb_body_change *change)
 {
+    if (!change)
+        return;
+    sbi_change_clear(change);
+    change->body->live->open = NULL;
+    change->body->live->spare = change;
+}
+
+SBI_API void sbi_change_destroy(sb_body_change *change)
+{
     sb_allocator allocator;
     if (!change)
         return;
     allocator = change->body->allocator;
-    if (change->body->live->open == change)
-        change->body->live->open = NULL;
     sbi_slots_free(&change->nodes, &allocator);
     sbi_slots_free(&change->cells, &allocator);
+    sbi_free(&allocator, change->node_at);
+    sbi_free(&allocator, change->cell_at);
     sbi_free(&allocator, change->made_nodes.items);
     sbi_free(&allocator, change->removed_nodes.items);
     sbi_free(&allocator, change->moved_nodes.items);
@@ -49612,18 +50641,14 @@ SB_API void sb_body_change_cancel(sb_body_change *change)
 /* The record of a node that this change made and did not remove again, or NULL. */
 static sbi_changed_node *sbi_change_made_node(sb_body_change *change, int node)
 {
-    for (int i = change->made_nodes.count - 1; i >= 0; i--)
-        if (change->made_nodes.items[i].node == node && !change->made_nodes.items[i].dropped)
-            return change->made_nodes.items + i;
-    return NULL;
+    int at = node >= 0 && node < change->nodes.capacity ? change->node_at[node] : 0;
+    return at && !change->made_nodes.items[at - 1].dropped ? change->made_nodes.items + at - 1 : NULL;
 }
 
 static sbi_changed_cell *sbi_change_made_cell(sb_body_change *change, int cell)
 {
-    for (int i = change->made_cells.count - 1; i >= 0; i--)
-        if (change->made_cells.items[i].cell == cell && !change->made_cells.items[i].dropped)
-            return change->made_cells.items + i;
-    return NULL;
+    int at = cell >= 0 && cell < change->cells.capacity ? change->cell_at[cell] : 0;
+    return at && !change->made_cells.items[at - 1].dropped ? change->made_cells.items + at - 1 : NULL;
 }
 
 /* Finite weights >= 0 that sum to 1, and nodes known before the change or in use now. */
@@ -49713,7 +50738,7 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
         return result;
     expanded = sbi_change_expanded(change, sources, count);
     result = sbi_change_reserve(change, sbi_max_int(count, expanded), error);
-    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes))
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes, &change->node_at))
         result = sbi_change_no_memory(error);
     if (result != SB_OK)
         return result;
@@ -49726,7 +50751,7 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     made->node = slot;
     made->position = position;
     made->flags = flags;
-    change->made_nodes.count++;
+    change->node_at[slot] = ++change->made_nodes.count;
     sbi_change_log_int(change, SBI_CHANGE_ADD_NODE);
     sbi_change_log_int(change, flags);
     sbi_change_log_list(change, sources, weights, count);
@@ -49873,6 +50898,7 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     sbi_changed_cell *made = change->made_cells.items + change->made_cells.count++;
     memset(made, 0, sizeof *made);
     made->cell = slot;
+    change->cell_at[slot] = change->made_cells.count;
     made->parent = parent;
     made->share = cell->share;
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
@@ -49908,7 +50934,7 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     result = sbi_change_check_cell(change, cell, &parent, error);
     if (result == SB_OK)
         result = sbi_change_reserve(change, 0, error);
-    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells))
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells, &change->cell_at))
         result = sbi_change_no_memory(error);
     if (result != SB_OK)
         return result;
@@ -50099,6 +51125,8 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
     lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
+    lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
+    lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -50183,22 +51211,27 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 }
 
 /* Cells that stay while a node of theirs moves, each once, by the order of the nodes. */
-static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
-                                     sb_mesh_change *out)
+static void sbi_change_list_reshaped(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
 {
     const sb_body *body = change->body;
+    unsigned char *marks = body->live->cell_marks;
+    for (int i = 0; i < change->removed_cells.count; i++)
+        marks[change->removed_cells.items[i]] = 1;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
         for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
-            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
-            for (int j = 0; j < out->reshaped_cell_count; j++)
-                stays = stays && lists->reshaped_cells[j] != e;
-            if (!stays)
+            int e = sbi_live_cell_of(body, at);
+            if (marks[e])
                 continue;
-            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            marks[e] = 1;
+            lists->reshaped_shares[out->reshaped_cell_count] = body->live->shares[e];
             lists->reshaped_cells[out->reshaped_cell_count++] = e;
         }
     }
+    for (int i = 0; i < change->removed_cells.count; i++)
+        marks[change->removed_cells.items[i]] = 0;
+    for (int i = 0; i < out->reshaped_cell_count; i++)
+        marks[lists->reshaped_cells[i]] = 0;
 }
 
 /* The mesh that the change leads to. */
@@ -50258,52 +51291,35 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
-/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
-static sb_result sbi_change_check_removed(const sb_body *body, const sbi_live_mesh *mesh, const sb_mesh_change *change,
-                                          sb_error *error)
-{
-    for (int i = 0; i < change->removed_node_count; i++) {
-        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
-        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
-            if (!sbi_slots_is_used(&mesh->nodes, change->heirs[k]))
-                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
-                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
-                                     node);
-        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
-                                 "node %d is supported and has no heir: release it before it is removed", node);
-    }
-    return SB_OK;
-}
-
-/* The lists, the mesh and the checks that need no neighbours. */
-static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out,
-                                    sbi_live_mesh *mesh, sb_error *error)
+/* The change as others learn of it, in memory that the body keeps for the next one. */
+static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out, sb_error *error)
 {
     sb_body *body = change->body;
+    sbi_live *live = body->live;
     sbi_arena arena = {NULL, 0, 0};
-    sb_result result;
     memset(out, 0, sizeof *out);
     memset(lists, 0, sizeof *lists);
     change->reshaped_most = sbi_change_count_reshaped(change);
     sbi_change_layout(change, lists, &arena);
-    lists->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
-    if (!lists->memory)
+    if (arena.overflow || arena.used > (size_t)-1 / 2)
         return sbi_change_no_memory(error);
-    arena.base = (unsigned char *)lists->memory;
+    if (arena.used > live->list_bytes) {
+        void *memory = sbi_alloc(&body->allocator, arena.used + arena.used / 2, 1);
+        if (!memory)
+            return sbi_change_no_memory(error);
+        sbi_free(&body->allocator, live->lists);
+        live->lists = memory;
+        live->list_bytes = arena.used + arena.used / 2;
+    }
+    arena.base = (unsigned char *)live->lists;
     arena.used = 0;
     sbi_change_layout(change, lists, &arena);
-    result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
-    if (result != SB_OK)
-        return result;
-    sbi_live_mesh_fill(body, mesh);
-    sbi_change_apply(change, mesh);
     out->node_end = change->nodes.end;
     out->cell_end = change->cells.end;
     out->nodes_per_cell = body->domain.nodes_per_cell;
     sbi_change_list_nodes(change, lists, out);
     sbi_change_list_cells(change, lists, out);
-    sbi_change_list_reshaped(change, mesh, lists, out);
+    sbi_change_list_reshaped(change, lists, out);
     out->made_nodes = lists->made_nodes;
     out->made_copies = lists->made_copies;
     out->source_start = lists->source_start;
@@ -50326,61 +51342,70 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->made_shares = lists->made_shares;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
+    return SB_OK;
+}
+
+/* The mesh that it leads to, and the checks that need no neighbours. */
+static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mesh_change *out, sbi_live_mesh *mesh,
+                                      sb_error *error)
+{
+    const sb_body *body = change->body;
+    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_mesh_fill(body, mesh);
+    sbi_change_apply(change, mesh);
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
-        result = sbi_change_check_removed(body, mesh, out, error);
+        result = sbi_live_check_removed(body, &mesh->nodes, out, error);
     return result;
 }
 
-/* Asks all listeners; on failure those asked before give up. */
-static sb_result sbi_change_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+/* Makes the change on a body of its own, beside the present one, which takes its place. */
+static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change *out, sb_error *error)
 {
-    const sbi_live *live = body->live;
-    for (int i = 0; i < live->listener_count; i++) {
-        const sb_body_listener *calls = &live->listeners[i].calls;
-        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
-        for (int k = 0; k < i && result != SB_OK; k++)
-            if (live->listeners[k].calls.give_up)
-                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
-        if (result != SB_OK)
-            return result;
+    sb_body *body = change->body, *next = NULL;
+    sbi_live_mesh mesh;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_change_make_mesh(change, out, &mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry(body, out, &mesh, next, error);
+    if (result == SB_OK)
+        result = sbi_live_ask_listeners(body, out, error);
+    if (result == SB_OK) {
+        sbi_live_replace(body, next);
+        next = NULL;
     }
-    return SB_OK;
+    sb_body_destroy(next);
+    sbi_live_mesh_free(body, &mesh);
+    return result;
 }
 
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
-    sbi_live_mesh mesh;
-    sb_body *body, *next = NULL;
+    sb_body *body;
     sb_result result;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
-    memset(&mesh, 0, sizeof mesh);
-    result = sbi_change_prepare(change, &lists, &out, &mesh, error);
-    if (result == SB_OK)
-        result = sbi_live_build(body, &mesh, &next, error);
-    if (result == SB_OK)
-        result = sbi_live_carry(body, &out, &mesh, next, error);
-    if (result == SB_OK)
-        result = sbi_change_ask_listeners(body, &out, error);
-    if (result == SB_OK) {
-        sbi_live_replace(body, next);
-        next = NULL;
-        sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
-                      change->log_reals.items, (size_t)change->log_reals.count);
-        for (int i = 0; i < body->live->listener_count; i++)
-            body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
-        sb_body_change_cancel(change);
-    }
-    sb_body_destroy(next);
-    sbi_live_mesh_free(body, &mesh);
-    sbi_free(&body->allocator, lists.memory);
-    return result;
+    result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
+        result = sbi_change_rebuild(change, &out, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
+                  change->log_reals.items, (size_t)change->log_reals.count);
+    for (int i = 0; i < body->live->listener_count; i++)
+        body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
+    sb_body_change_cancel(change);
+    return SB_OK;
 }
 
 /* ==== src/softbody/body/live_build.c ==== */
@@ -50521,6 +51546,9 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    live->follows = body->live->follows;
+    if (sbi_live_take_marks(next, error) != SB_OK)
+        return SB_ERROR_MEMORY;
     cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
     live->follows = body->live->follows;
@@ -50616,6 +51644,13 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
     if (result != SB_OK)
         return result;
+    if (body->live->follows)
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
+    if (result == SB_OK && body->live->follows)
+        result = sbi_assembly_reserve_parents(&next->assembly,
+                                              sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);
@@ -50656,9 +51691,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- motion, supports, dead loads ---- */
 
-/* What has a value for each node that goes on from step to step. */
-enum { SBI_LIVE_CARRIED = 8 };
-static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
+SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
 {
     sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
                                        body->dead_load, body->equilibrated, body->external, body->reaction};
@@ -50701,17 +51734,18 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
 }
 
 /* A node made: motion of its sources, and their supports unless it is a copy. */
-static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
-    int node = change->made_nodes[index];
-    unsigned axes = change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources);
-    next->displacement[node] = sbi_live_interpolate(&sources, body->displacement);
-    next->velocity[node] = sbi_live_interpolate(&sources, body->velocity);
-    next->acceleration[node] = sbi_live_interpolate(&sources, body->acceleration);
-    next->target[node] = axes ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
-    next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+    sbi_live_motion motion;
+    motion.node = change->made_nodes[index];
+    motion.fixed = (unsigned char)(change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources));
+    motion.displacement = sbi_live_interpolate(&sources, body->displacement);
+    motion.velocity = sbi_live_interpolate(&sources, body->velocity);
+    motion.acceleration = sbi_live_interpolate(&sources, body->acceleration);
+    motion.target = motion.fixed ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
+    return motion;
 }
 
 /* The components of b along the axes, and those of a along the others. */
@@ -50721,22 +51755,38 @@ static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
 }
 
 /* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
-static void sbi_live_carry_moved(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->moved_start, index, change->moved_sources, change->moved_weights);
     int node = change->moved_nodes[index];
-    unsigned held = next->fixed[node], both, free;
+    unsigned held = body->node_component[node] < 0 ? 0u : (unsigned)body->fixed[node], both, free;
+    sbi_live_motion motion;
+    memset(&motion, 0, sizeof motion);
+    motion.node = sources.count ? node : -1;
     if (!sources.count)
-        return;
+        return motion;
     both = held & sbi_live_common_axes(body, &sources);
     free = SB_XYZ & (~held | both);
-    next->displacement[node] = sbi_live_select(free, next->displacement[node],
-                                               sbi_live_interpolate(&sources, body->displacement));
-    next->velocity[node] = sbi_live_select(free, next->velocity[node], sbi_live_interpolate(&sources, body->velocity));
-    next->acceleration[node] = sbi_live_select(free, next->acceleration[node],
-                                               sbi_live_interpolate(&sources, body->acceleration));
-    next->target[node] = sbi_live_select(both, next->target[node], sbi_live_interpolate(&sources, body->target));
+    motion.fixed = (unsigned char)held;
+    motion.displacement =
+        sbi_live_select(free, body->displacement[node], sbi_live_interpolate(&sources, body->displacement));
+    motion.velocity = sbi_live_select(free, body->velocity[node], sbi_live_interpolate(&sources, body->velocity));
+    motion.acceleration =
+        sbi_live_select(free, body->acceleration[node], sbi_live_interpolate(&sources, body->acceleration));
+    motion.target = sbi_live_select(both, body->target[node], sbi_live_interpolate(&sources, body->target));
+    return motion;
+}
+
+static void sbi_live_set_motion(sb_body *next, const sbi_live_motion *motion)
+{
+    if (motion->node < 0)
+        return;
+    next->displacement[motion->node] = motion->displacement;
+    next->velocity[motion->node] = motion->velocity;
+    next->acceleration[motion->node] = motion->acceleration;
+    next->target[motion->node] = motion->target;
+    next->fixed[motion->node] = (unsigned char)(next->node_component[motion->node] < 0 ? SB_XYZ : motion->fixed);
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
@@ -50757,10 +51807,14 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
     for (int i = 0; i < change->made_node_count; i++)
         for (int k = 0; k < SBI_LIVE_CARRIED; k++)
             to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
-    for (int i = 0; i < change->made_node_count; i++)
-        sbi_live_carry_made(body, change, i, next);
-    for (int i = 0; i < change->moved_node_count; i++)
-        sbi_live_carry_moved(body, change, i, next);
+    for (int i = 0; i < change->made_node_count; i++) {
+        sbi_live_motion motion = sbi_live_made_motion(body, change, i);
+        sbi_live_set_motion(next, &motion);
+    }
+    for (int i = 0; i < change->moved_node_count; i++) {
+        sbi_live_motion motion = sbi_live_moved_motion(body, change, i);
+        sbi_live_set_motion(next, &motion);
+    }
     for (int i = 0; i < change->removed_node_count; i++)
         for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
             sb_vec3 force = body->dead_load[change->removed_nodes[i]];
@@ -50784,11 +51838,6 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- momentum ---- */
 
-/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
-typedef struct sbi_live_moment {
-    double mass, linear[3], angular[3], linear_size, angular_size;
-} sbi_live_moment;
-
 static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
@@ -50810,6 +51859,11 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    if (body->live->follows) {
+        for (int a = 0; a < n; a++)
+            sbi_live_add_mass(sum, (double)body->live->masses[8 * e + a], body->position[cell[a]], about, v[cell[a]]);
+        return;
+    }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
@@ -50829,32 +51883,45 @@ static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
     }
 }
 
-/* 1 when a made cell has the parent. */
-static int sbi_live_has_child(const sbi_mesh_change *change, int cell)
+SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
 {
     for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] == cell)
-            return 1;
-    return 0;
+        if (change->made_parents[i] >= 0)
+            return change->made_cells[i];
+    return change->reshaped_cell_count ? change->reshaped_cells[0] : -1;
+}
+
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
+                                        const sb_vec3 *motion)
+{
+    unsigned char *has_child = body->live->cell_marks;
+    sbi_live_balance balance;
+    memset(&balance, 0, sizeof balance);
+    balance.about = about;
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 1;
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all);
+    balance.parents = balance.all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all);
+    for (int i = 0; i < change->removed_cell_count; i++)
+        if (has_child[change->removed_cells[i]])
+            sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.parents);
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 0;
+    return balance;
 }
 
 /* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
  * that have children, by mass. */
-static sbi_live_moment sbi_live_wanted(const sb_body *body, const sbi_mesh_change *change, double made, sb_vec3 about,
-                                       const sb_vec3 *v)
+static sbi_live_moment sbi_live_wanted(const sbi_live_balance *before, double made)
 {
-    sbi_live_moment all, parents;
-    memset(&all, 0, sizeof all);
-    for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, v, &all);
-    parents = all;
-    for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, v, &all);
-    if (fabs(made - all.mass) <= 1e5 * (double)SB_EPSILON * all.mass)
-        return all;
-    for (int i = 0; i < change->removed_cell_count; i++)
-        if (sbi_live_has_child(change, change->removed_cells[i]))
-            sbi_live_add_cell(body, change->removed_cells[i], about, v, &parents);
+    sbi_live_moment parents = before->parents;
+    if (fabs(made - before->all.mass) <= 1e5 * (double)SB_EPSILON * before->all.mass)
+        return before->all;
     if (parents.mass > 0)
         sbi_live_scale_moment(&parents, made / parents.mass);
     return parents;
@@ -50953,29 +52020,23 @@ static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], co
 /* Gives the nodes of the cells made what is missing of the sums of m v and x x m v, for velocities or accelerations.
  * Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
  * masses keep the angular one by themselves, for their motion is linear in the cells. */
-static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *change, const sb_vec3 *before,
-                                   sb_vec3 *after, sb_body *next)
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
+                                    sb_vec3 *motion)
 {
     const double rounding = 64 * (double)SB_EPSILON;
     sbi_live_moment have, want;
     sbi_live_rigid rigid;
     double linear[3], angular[3];
-    int missing = 0, first = -1;
+    int missing = 0;
     memset(&have, 0, sizeof have);
     memset(&rigid, 0, sizeof rigid);
-    for (int i = 0; i < change->made_cell_count && first < 0; i++)
-        first = change->made_parents[i] >= 0 ? change->made_cells[i] : -1;
-    if (first < 0 && change->reshaped_cell_count)
-        first = change->reshaped_cells[0];
-    if (first < 0)
-        return;
-    rigid.about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    rigid.about = before->about;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, after, &have);
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, after, &have);
-    want = sbi_live_wanted(body, change, have.mass, rigid.about, before);
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have);
+    want = sbi_live_wanted(before, have.mass);
     for (int i = 0; i < 3; i++) {
         linear[i] = want.linear[i] - have.linear[i];
         angular[i] = want.angular[i] - have.angular[i];
@@ -50984,12 +52045,28 @@ static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *c
     }
     if (!missing)
         return;
-    rigid.values = after;
+    rigid.values = motion;
     sbi_live_visit_nodes(next, change, sbi_live_sum_node, &rigid);
     if (!(rigid.mass > 0))
         return;
     sbi_live_solve_rigid(next, linear, angular, &rigid);
     sbi_live_visit_nodes(next, change, sbi_live_push_node, &rigid);
+}
+
+static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
+{
+    int first = sbi_live_first_changed(change);
+    sbi_live_balance balance;
+    sb_vec3 about;
+    if (first < 0)
+        return;
+    about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    balance = sbi_live_weigh(body, change, about, body->velocity);
+    sbi_live_keep_momentum(next, change, &balance, next->velocity);
+    if (!body->acceleration_known)
+        return;
+    balance = sbi_live_weigh(body, change, about, body->acceleration);
+    sbi_live_keep_momentum(next, change, &balance, next->acceleration);
 }
 
 /* ---- all of it ---- */
@@ -51037,9 +52114,7 @@ SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *cha
     next->acceleration_known = body->acceleration_known;
     next->assembly.unknots = body->assembly.unknots;
     sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
-    sbi_live_keep_momentum(body, change, body->velocity, next->velocity, next);
-    if (body->acceleration_known)
-        sbi_live_keep_momentum(body, change, body->acceleration, next->acceleration, next);
+    sbi_live_carry_momentum(body, change, next);
     return SB_OK;
 }
 
@@ -51064,6 +52139,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    made->spare = live->spare;
+    made->lists = live->lists;
+    made->list_bytes = live->list_bytes;
+    live->spare = NULL;
+    live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;
@@ -59098,7 +60178,9 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
 static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 {
     int used = walk->pass == SBI_STATE_WRITE || walk->pass == SBI_STATE_CHECK;
-    sb_preconditioner_info precond = sb_preconditioner_get_info(body->precond);
+    sb_preconditioner_info precond;
+    sbi_precond_settle(body->precond, &body->matrix);
+    precond = sb_preconditioner_get_info(body->precond);
     sbi_state_same(walk, (uint64_t)body->domain.node_count, "the number of nodes");
     sbi_state_same(walk, (uint64_t)body->domain.cell_count, "the number of elements");
     sbi_state_same(walk, (uint64_t)body->domain.element_type, "the element type");

@@ -1207,6 +1207,194 @@ static void test_slide_calls(void)
     free_scene(&twin);
 }
 
+/* ---- in place ---- */
+
+/* A plain body changes without a single allocation while its slack lasts, and so do the steps between. */
+static void test_no_allocations(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    const sb_precond_kind kinds[] = {SB_PRECOND_IC0, SB_PRECOND_SSOR, SB_PRECOND_BLOCK_JACOBI};
+    for (int k = 0; k < 3; k++) {
+        sb_body_def def = live_def(&mesh, with_prony(sb_material_neo_hookean(5000, REAL(0.4), 1000)), SB_NEWMARK);
+        unsigned long long seed = 61 + (unsigned long long)k;
+        op ops[MOST_OPS];
+        sb_error error;
+        sb_body *body;
+        int depth = 0;
+        def.slack = 2;
+        def.allocator = allocator;
+        def.preconditioner = kinds[k];
+        body = scene_body(&def);
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+        CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+        memory.calls = 0;
+        for (int i = 0; i < 60; i++) {
+            op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_KINDS);
+            int back = depth && check_random(&seed) < 0.4;
+            sb_result result = back ? undo(body, ops + depth - 1, &error)
+                                    : change_at_random(body, &seed, kind, ops + depth, &error);
+            CHECK(result == SB_OK || result == SB_ERROR_MESH);
+            if (result == SB_OK)
+                depth += back ? -1 : ops[depth].cells > 0;
+            CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+        }
+        CHECK_INT(memory.calls, 0);
+        CHECK_OK(sb_body_live_check(body, &error));
+        sb_body_destroy(body);
+    }
+    CHECK_INT(memory.live, 0);
+    sb_mesh_free(&mesh);
+}
+
+/* In place and by a body made anew, which lack of room, a constraint or a load on the spot ask for, the bits are the same. */
+static void test_both_ways(void)
+{
+    const sb_material materials[] = {sb_material_corotated(5000, REAL(0.4), 1000),
+                                     with_prony(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
+                                     with_prony(with_fibres(sb_material_stable_neo_hookean(5000, REAL(0.4), 1000)))};
+    const sb_integrator integrators[] = {SB_EULER, SB_NEWMARK, SB_CENTRAL_DIFFERENCE};
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    sb_vec3 *fibres = (sb_vec3 *)calloc((size_t)mesh.element_count, sizeof *fibres);
+    for (int e = 0; e < mesh.element_count; e++)
+        fibres[e] = sb_v3(1, REAL(e % 3), 0);
+    for (int k = 0; k < 9; k++) {
+        sb_body_def def = live_def(&mesh, materials[k % 3], integrators[k / 3]);
+        unsigned long long seeds[2] = {71, 71};
+        sb_body *bodies[2];
+        sb_error error;
+        op o[2];
+        int node, same = 1;
+        def.fibres = k % 3 == 2 ? fibres : NULL;
+        def.mass = k == 4 ? SB_MASS_CONSISTENT : SB_MASS_LUMPED;
+        for (int b = 0; b < 2; b++) {
+            def.slack = b ? 4 : REAL(0.001); /* the second has room for all, the first grows again and again */
+            bodies[b] = scene_body(&def);
+            scene_fix_plane(bodies[b], &mesh, 0, 0, SB_XYZ);
+            set_in_motion(bodies[b]);
+        }
+        for (int i = 0; i < 40 && same; i++) {
+            for (int b = 0; b < 2; b++) {
+                sb_result result = i % 7 == 6 ? slide(bodies[b], seeds + b, &node, &error)
+                                              : change_at_random(bodies[b], seeds + b, (op_kind)(i % OP_KINDS), o + b, &error);
+                CHECK(result == SB_OK || result == SB_ERROR_MESH);
+                if (i % 5 == 1 && result == SB_OK && o[b].cells)
+                    CHECK_OK(undo(bodies[b], o + b, &error));
+                CHECK_OK(sb_body_step(bodies[b], REAL(0.001), NULL));
+            }
+            same = sb_body_state_hash(bodies[0]) == sb_body_state_hash(bodies[1]);
+        }
+        if (!CHECK(same))
+            printf("material %d, integrator %d\n", k % 3, k / 3);
+        for (int b = 0; b < 2; b++) {
+            CHECK_OK(sb_body_live_check(bodies[b], &error));
+            sb_body_destroy(bodies[b]);
+        }
+    }
+    free(fibres);
+    sb_mesh_free(&mesh);
+}
+
+/* Every allocation of plain bodies that grow fails in turn, too. */
+static void test_memory_in_place(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_mesh mesh = scene_box(SB_TET4, 2, 2, 2, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 0.1);
+    sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+    unsigned long long seed = 83, seed2 = 83;
+    int failures = 0;
+    sb_body *body, *twin;
+    sb_error error;
+    op o;
+    def.slack = REAL(0.1);
+    twin = scene_body(&def);
+    def.allocator = allocator;
+    body = scene_body(&def);
+    for (int i = 0; i < 30; i++) {
+        op_kind kind = (op_kind)(i % OP_COPY_NODE);
+        uint64_t hash = sb_body_state_hash(body);
+        sb_result result = SB_ERROR_MEMORY;
+        int live = memory.live;
+        CHECK_OK(change_at_random(twin, &seed2, kind, &o, &error));
+        for (int n = 1; result != SB_OK && n < 400; n++) {
+            unsigned long long trial = seed;
+            memory.calls = 0;
+            memory.fail_at = n;
+            result = change_at_random(body, &trial, kind, &o, &error);
+            memory.fail_at = 0;
+            if (result == SB_OK) {
+                seed = trial;
+                break;
+            }
+            failures++;
+            CHECK_RESULT(result, SB_ERROR_MEMORY);
+            CHECK_INT(memory.live, live);
+            CHECK(sb_body_state_hash(body) == hash);
+        }
+        CHECK_OK(sb_body_step(body, REAL(0.002), NULL));
+        CHECK_OK(sb_body_step(twin, REAL(0.002), NULL));
+        CHECK(sb_body_state_hash(body) == sb_body_state_hash(twin));
+    }
+    CHECK(failures > 100);
+    sb_body_destroy(body);
+    sb_body_destroy(twin);
+    CHECK_INT(memory.live, 0);
+    sb_mesh_free(&mesh);
+}
+
+/* After changes each preconditioner needs at most 1.2 times the iterations of one made anew with that mesh. */
+static void test_iterations(void)
+{
+    static const double shares[] = {0.01, 0.05, 0.2};
+    const sb_precond_kind kinds[] = {SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_SSOR, SB_PRECOND_IC0,
+                                     SB_PRECOND_FSAI, SB_PRECOND_MULTIGRID, SB_PRECOND_CHOLESKY};
+    sb_mesh mesh = scene_box(SB_TET4, 9, 6, 6, sb_v3(REAL(0.18), REAL(0.12), REAL(0.12)), 0.1);
+    for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++)
+        for (int s = 0; s < 3; s++) {
+            sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_EULER);
+            unsigned long long seed = 91 + (unsigned long long)s;
+            sb_step_info info, other;
+            sb_body *body, *fresh;
+            sb_mesh now;
+            sb_error error;
+            int *nodes, changed = 0;
+            op o;
+            def.preconditioner = kinds[k];
+            def.slack = 1;
+            def.tolerance = REAL(1e-5);
+            body = scene_body(&def);
+            while (changed < shares[s] * mesh.element_count) {
+                if (change_at_random(body, &seed, (op_kind)(changed % OP_REMOVE_CELL), &o, &error) == SB_OK)
+                    changed += o.cells;
+                CHECK_OK(sb_body_step(body, REAL(1e-4), NULL)); /* through each state on the way */
+            }
+            sb_body_reset(body);
+            nodes = (int *)malloc((size_t)sb_body_node_count(body) * sizeof *nodes);
+            CHECK_OK(sb_body_get_mesh(body, NULL, &now, nodes, NULL, &error));
+            def.mesh = &now;
+            def.slack = 0;
+            fresh = scene_body(&def);
+            for (int i = 0; i < sb_body_node_count(body); i++)
+                if (nodes[i] >= 0 && sb_body_rest_positions(body)[i].x < REAL(1e-9)) {
+                    CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
+                    CHECK_OK(sb_body_fix_nodes(fresh, nodes + i, 1, SB_XYZ));
+                }
+            CHECK_OK(sb_body_step(body, REAL(0.02), &info));
+            CHECK_OK(sb_body_step(fresh, REAL(0.02), &other));
+            if (getenv("CHECK_SLOW"))
+                printf("  %s, %g of the cells: %d iterations, made anew %d\n", sb_precond_string(kinds[k]), shares[s],
+                       info.pcg_iterations, other.pcg_iterations);
+            CHECK(info.pcg_iterations <= 1.2 * other.pcg_iterations + 1);
+            free(nodes);
+            sb_body_destroy(body);
+            sb_body_destroy(fresh);
+            sb_mesh_free(&now);
+        }
+    sb_mesh_free(&mesh);
+}
+
 CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse order gives back all bits", test_inverse},
             {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
             {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
@@ -1215,5 +1403,7 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse or
             {"every allocation fails", test_memory_failures}, {"threads", test_threads},
             {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
             {"beyond the slack", test_growth},
-            {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
+            {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
+            {"every allocation of a plain body fails", test_memory_in_place},
+            {"iterations after changes", test_iterations}, {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
             {"supports of slides", test_slide_supports}, {"calls and recordings of slides", test_slide_calls});

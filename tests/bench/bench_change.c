@@ -1,6 +1,7 @@
 /* bench_change: what a change of the mesh costs below the body: domain, matrix, assembly and preconditioner of a tet4 box
  * follow splits of edges and go back. Prints a line per number of cells: cells changed, median and largest microseconds of
- * each room and of all. Asserts nothing. */
+ * each room and of all. Then the same of bodies: the calls that put a change together, its commit, and the first step after
+ * it beside the second. Asserts nothing. */
 #define SB_STATIC
 #define SB_ELEMENT SB_TET4
 #define SB_IMPLEMENTATION
@@ -137,10 +138,171 @@ static void bench(int nx, int ny, int nz, int cells)
     live_mesh_free(&before);
 }
 
+/* ---- on a body ---- */
+
+enum { MOST_SPLITS = 512, MOST_AROUND = 64, BODY_RUNS = 31 };
+
+/* Edges split in one change, each with all its cells, no cell twice. */
+typedef struct splits {
+    int count, cells;
+    int ends[MOST_SPLITS][2], node[MOST_SPLITS], around[MOST_SPLITS];
+    int cell[MOST_SPLITS][MOST_AROUND], more[MOST_SPLITS][MOST_AROUND], corners[MOST_SPLITS][MOST_AROUND][4];
+} splits;
+
+static int has_both(const int *n, int a, int b)
+{
+    return (n[0] == a || n[1] == a || n[2] == a || n[3] == a) && (n[0] == b || n[1] == b || n[2] == b || n[3] == b);
+}
+
+/* Chooses edges at random places until some `cells` cells change. */
+static void choose_splits(const sb_body *body, int cells, unsigned long long *seed, splits *s)
+{
+    int end = sb_body_element_count(body);
+    char *taken = (char *)calloc((size_t)end, 1);
+    s->count = s->cells = 0;
+    while (s->cells < cells && s->count < MOST_SPLITS) {
+        int e = (int)check_random_in(seed, 0, (double)end - 1), n = 0, free_of = 1;
+        const int *edge = sb_body_cell_nodes(body, e);
+        if (!edge)
+            continue;
+        for (int c = 0; c < end && free_of; c++) {
+            const int *nodes = sb_body_cell_nodes(body, c);
+            if (!nodes || !has_both(nodes, edge[0], edge[3]))
+                continue;
+            free_of = !taken[c] && n < MOST_AROUND;
+            if (free_of) {
+                memcpy(s->corners[s->count][n], nodes, 4 * sizeof(int));
+                s->cell[s->count][n++] = c;
+            }
+        }
+        if (!free_of)
+            continue;
+        for (int k = 0; k < n; k++)
+            taken[s->cell[s->count][k]] = 1;
+        s->ends[s->count][0] = edge[0];
+        s->ends[s->count][1] = edge[3];
+        s->around[s->count++] = n;
+        s->cells += n;
+    }
+    free(taken);
+}
+
+static void must(sb_result result)
+{
+    if (result != SB_OK) {
+        printf("failed: %d\n", (int)result);
+        exit(1);
+    }
+}
+
+static sb_body_change *split_all(sb_body *body, splits *s)
+{
+    const sb_real half[2] = {(sb_real)0.5, (sb_real)0.5};
+    sb_body_change *change;
+    must(sb_body_change_begin(body, &change, NULL));
+    for (int i = 0; i < s->count; i++) {
+        const sb_vec3 *X = sb_body_rest_positions(body);
+        sb_vec3 x = sb_v3_scale((sb_real)0.5, sb_v3_add(X[s->ends[i][0]], X[s->ends[i][1]]));
+        must(sb_body_change_add_node(change, x, s->ends[i], half, 2, 0, &s->node[i], NULL));
+        for (int k = 0; k < s->around[i]; k++)
+            for (int end = 0; end < 2; end++) {
+                sb_change_cell cell = sb_default_change_cell();
+                int nodes[4];
+                for (int a = 0; a < 4; a++)
+                    nodes[a] = s->corners[i][k][a] == s->ends[i][end] ? s->node[i] : s->corners[i][k][a];
+                cell.nodes = nodes;
+                cell.parent = s->cell[i][k];
+                must(end == 0 ? sb_body_change_replace_cell(change, s->cell[i][k], &cell, NULL)
+                              : sb_body_change_add_cell(change, &cell, &s->more[i][k], NULL));
+            }
+    }
+    return change;
+}
+
+static sb_body_change *join_all(sb_body *body, const splits *s)
+{
+    const sb_real half[2] = {(sb_real)0.5, (sb_real)0.5};
+    sb_body_change *change;
+    must(sb_body_change_begin(body, &change, NULL));
+    for (int i = s->count; i-- > 0;) {
+        for (int k = s->around[i]; k-- > 0;)
+            must(sb_body_change_remove_cell(change, s->more[i][k], NULL));
+        for (int k = 0; k < s->around[i]; k++) {
+            sb_change_cell cell = sb_default_change_cell();
+            cell.nodes = s->corners[i][k];
+            cell.parent = s->cell[i][k];
+            must(sb_body_change_replace_cell(change, s->cell[i][k], &cell, NULL));
+        }
+        must(sb_body_change_remove_node(change, s->node[i], s->ends[i], half, 2, NULL));
+    }
+    return change;
+}
+
+/* Commits there and back, the calls before them, and the first step after a change against the second. */
+static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
+{
+    static splits s;
+    static double commits[2 * BODY_RUNS], calls[2 * BODY_RUNS], first[2 * BODY_RUNS], second[2 * BODY_RUNS];
+    live_mesh m = live_mesh_box(nx, ny, nz, 1);
+    unsigned long long seed = 3;
+    sb_body_def def = sb_default_body_def();
+    sb_mesh mesh;
+    sb_body *body;
+    int changed = 0, samples = 0;
+    double middle;
+    memset(&mesh, 0, sizeof mesh);
+    mesh.element_type = SB_TET4;
+    mesh.node_count = m.node_end;
+    mesh.element_count = m.cell_end;
+    mesh.nodes = m.X;
+    mesh.elements = m.cells[0];
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(5000, (sb_real)0.4, 1000);
+    def.gravity = sb_v3(0, 0, (sb_real)-9.81);
+    def.slack = (sb_real)0.5;
+    def.preconditioner = kind;
+    must(sb_body_create(&def, &body, NULL));
+    for (int i = 0; i < m.node_end; i++)
+        if (m.X[i].x < (sb_real)1e-6)
+            must(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
+    must(sb_body_step(body, (sb_real)0.01, NULL));
+    for (int run = 0; run < BODY_RUNS; run++)
+        for (int way = 0; way < 2; way++, samples++) {
+            sb_body_change *change;
+            double t[5];
+            if (way == 0)
+                choose_splits(body, cells, &seed, &s);
+            t[0] = now();
+            change = way == 0 ? split_all(body, &s) : join_all(body, &s);
+            t[1] = now();
+            must(sb_body_change_commit(change, NULL));
+            t[2] = now();
+            must(sb_body_step(body, (sb_real)0.01, NULL));
+            t[3] = now();
+            must(sb_body_step(body, (sb_real)0.01, NULL));
+            t[4] = now();
+            calls[samples] = t[1] - t[0];
+            commits[samples] = t[2] - t[1];
+            first[samples] = t[3] - t[2];
+            second[samples] = t[4] - t[3];
+            changed = s.cells;
+        }
+    middle = median(commits, samples);
+    printf("commit_%dk cells=%d %s calls_us=%.1f commit_us=%.1f (least %.1f) first_step_us=%.0f second_step_us=%.0f\n",
+           6 * nx * ny * nz / 1000, changed, sb_precond_string(sb_body_solver(body).kind), 1e6 * median(calls, samples),
+           1e6 * middle, 1e6 * commits[0], 1e6 * median(first, samples), 1e6 * median(second, samples));
+    sb_body_destroy(body);
+    live_mesh_free(&m);
+}
+
 int main(void)
 {
     bench(28, 9, 9, 20);
     bench(28, 9, 9, 200);
     bench(56, 18, 17, 20);
+    bench_body(28, 9, 9, 20, SB_PRECOND_AUTO);
+    bench_body(28, 9, 9, 200, SB_PRECOND_AUTO);
+    bench_body(28, 9, 9, 2000, SB_PRECOND_AUTO);
+    bench_body(28, 9, 9, 20, SB_PRECOND_MULTIGRID);
     return 0;
 }

@@ -299,6 +299,8 @@ static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error 
     result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
     for (int i = 0; i < body->material_count && result == SB_OK; i++)
         result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
     if (result != SB_OK)
         return result;
     sbi_body_materials_changed(body);

@@ -177,6 +177,42 @@ static void sbi_body_tilt_masses(sb_body *body)
         }
 }
 
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell)
+{
+    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
+    sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
+    sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_body_gather_reference(body, cell, x);
+    sbi_domain_element_mass(&body->domain, cell, SB_MASS_LUMPED, x, mass, load);
+    for (int a = 0; a < 4; a++) {
+        out[a] = density * mass[5 * a];
+        out[4 + a] = density * load[a];
+    }
+}
+
+/* Adds what a cell of a body that follows weighs to its nodes. */
+static void sbi_body_add_cell_mass(sb_body *body, int cell)
+{
+    const sb_real *masses = body->live->masses + 8 * (size_t)cell;
+    for (int a = 0; a < 4; a++) {
+        int node = body->domain.cells[4 * (size_t)cell + (size_t)a];
+        body->lumped_mass[node] += masses[a];
+        body->load_mass[node] += masses[4 + a];
+    }
+}
+
+SBI_API void sbi_body_sum_node_mass(sb_body *body, int node)
+{
+    sb_real mass = 0, load = 0;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
+        const sb_real *masses = body->live->masses + 8 * (size_t)(at / 4) + at % 4;
+        mass += masses[0];
+        load += masses[4];
+    }
+    body->lumped_mass[node] = mass;
+    body->load_mass[node] = load;
+}
+
 SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
@@ -196,6 +232,11 @@ SBI_API void sbi_body_update_mass(sb_body *body)
         if (body->mass_blocks) {
             sbi_domain_element_mass(&body->domain, e, body->mass_kind, x, mass, load);
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
+        }
+        if (sbi_live_follows(body)) {
+            sbi_body_weigh_cell(body, e);
+            sbi_body_add_cell_mass(body, e);
+            continue;
         }
         lifted |= sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, load);
         for (int a = 0; a < n; a++) {

@@ -306,6 +306,9 @@ SBI_API sb_mesh sbi_body_mesh_view(const sb_body *body);
 SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
+/* Of a body that follows: masses of a cell's corners, and the sums of a node over its cells in ascending order. */
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell);
+SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
 /* out = M x for the body's mass matrix. */

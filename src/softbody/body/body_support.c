@@ -133,6 +133,8 @@ static sb_result sbi_body_reserve_supports(sb_body *body, const int *nodes, int 
     for (int i = 0; i < count; i++)
         if (!body->fixed[nodes[i]])
             needed += sbi_min_int(sbi_body_row_length(body, nodes[i]), most - needed);
+    if (body->live && (double)needed * (1 + body->live->slack) < (double)most / 2) /* changes split what is supported */
+        needed += (int)((double)needed * body->live->slack);
     return sbi_body_reserve_support_blocks(body, needed);
 }
 

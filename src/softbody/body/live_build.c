@@ -136,6 +136,9 @@ static sb_result sbi_live_copy_make(const sb_body *body, const sbi_live_mesh *me
     live->shares = (sb_real *)sbi_alloc_zeroed(allocator, (size_t)live->cells.capacity, sizeof(sb_real));
     if (!live->shares)
         return sbi_live_no_memory(error, mesh->nodes.end);
+    live->follows = body->live->follows;
+    if (sbi_live_take_marks(next, error) != SB_OK)
+        return SB_ERROR_MEMORY;
     cells = (size_t)mesh->cells.end;
     live->rule = body->live->rule;
     live->follows = body->live->follows;
@@ -231,6 +234,13 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
         result = sbi_body_reserve_damping(next, next->materials, next->material_count, error);
     if (result != SB_OK)
         return result;
+    if (body->live->follows)
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
+    if (result == SB_OK && body->live->follows)
+        result = sbi_assembly_reserve_parents(&next->assembly,
+                                              sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
+    if (result != SB_OK)
+        return result;
     next->assembly.fibres = next->fibres;
     next->assembly.unknots = body->assembly.unknots;
     sbi_body_materials_changed(next);
@@ -271,9 +281,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- motion, supports, dead loads ---- */
 
-/* What has a value for each node that goes on from step to step. */
-enum { SBI_LIVE_CARRIED = 8 };
-static void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
+SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
 {
     sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
                                        body->dead_load, body->equilibrated, body->external, body->reaction};
@@ -316,17 +324,18 @@ static unsigned sbi_live_common_axes(const sb_body *body, const sbi_live_sources
 }
 
 /* A node made: motion of its sources, and their supports unless it is a copy. */
-static void sbi_live_carry_made(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->source_start, index, change->sources, change->source_weights);
-    int node = change->made_nodes[index];
-    unsigned axes = change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources);
-    next->displacement[node] = sbi_live_interpolate(&sources, body->displacement);
-    next->velocity[node] = sbi_live_interpolate(&sources, body->velocity);
-    next->acceleration[node] = sbi_live_interpolate(&sources, body->acceleration);
-    next->target[node] = axes ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
-    next->fixed[node] = (unsigned char)(next->node_component[node] < 0 ? SB_XYZ : axes);
+    sbi_live_motion motion;
+    motion.node = change->made_nodes[index];
+    motion.fixed = (unsigned char)(change->made_copies[index] ? 0 : sbi_live_common_axes(body, &sources));
+    motion.displacement = sbi_live_interpolate(&sources, body->displacement);
+    motion.velocity = sbi_live_interpolate(&sources, body->velocity);
+    motion.acceleration = sbi_live_interpolate(&sources, body->acceleration);
+    motion.target = motion.fixed ? sbi_live_interpolate(&sources, body->target) : sb_v3(0, 0, 0);
+    return motion;
 }
 
 /* The components of b along the axes, and those of a along the others. */
@@ -336,22 +345,38 @@ static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
 }
 
 /* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
-static void sbi_live_carry_moved(const sb_body *body, const sbi_mesh_change *change, int index, sb_body *next)
+SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
         sbi_live_get_sources(change->moved_start, index, change->moved_sources, change->moved_weights);
     int node = change->moved_nodes[index];
-    unsigned held = next->fixed[node], both, free;
+    unsigned held = body->node_component[node] < 0 ? 0u : (unsigned)body->fixed[node], both, free;
+    sbi_live_motion motion;
+    memset(&motion, 0, sizeof motion);
+    motion.node = sources.count ? node : -1;
     if (!sources.count)
-        return;
+        return motion;
     both = held & sbi_live_common_axes(body, &sources);
     free = SB_XYZ & (~held | both);
-    next->displacement[node] = sbi_live_select(free, next->displacement[node],
-                                               sbi_live_interpolate(&sources, body->displacement));
-    next->velocity[node] = sbi_live_select(free, next->velocity[node], sbi_live_interpolate(&sources, body->velocity));
-    next->acceleration[node] = sbi_live_select(free, next->acceleration[node],
-                                               sbi_live_interpolate(&sources, body->acceleration));
-    next->target[node] = sbi_live_select(both, next->target[node], sbi_live_interpolate(&sources, body->target));
+    motion.fixed = (unsigned char)held;
+    motion.displacement =
+        sbi_live_select(free, body->displacement[node], sbi_live_interpolate(&sources, body->displacement));
+    motion.velocity = sbi_live_select(free, body->velocity[node], sbi_live_interpolate(&sources, body->velocity));
+    motion.acceleration =
+        sbi_live_select(free, body->acceleration[node], sbi_live_interpolate(&sources, body->acceleration));
+    motion.target = sbi_live_select(both, body->target[node], sbi_live_interpolate(&sources, body->target));
+    return motion;
+}
+
+static void sbi_live_set_motion(sb_body *next, const sbi_live_motion *motion)
+{
+    if (motion->node < 0)
+        return;
+    next->displacement[motion->node] = motion->displacement;
+    next->velocity[motion->node] = motion->velocity;
+    next->acceleration[motion->node] = motion->acceleration;
+    next->target[motion->node] = motion->target;
+    next->fixed[motion->node] = (unsigned char)(next->node_component[motion->node] < 0 ? SB_XYZ : motion->fixed);
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
@@ -372,10 +397,14 @@ static void sbi_live_carry_nodes(const sb_body *body, const sbi_mesh_change *cha
     for (int i = 0; i < change->made_node_count; i++)
         for (int k = 0; k < SBI_LIVE_CARRIED; k++)
             to[k][change->made_nodes[i]] = sb_v3(0, 0, 0);
-    for (int i = 0; i < change->made_node_count; i++)
-        sbi_live_carry_made(body, change, i, next);
-    for (int i = 0; i < change->moved_node_count; i++)
-        sbi_live_carry_moved(body, change, i, next);
+    for (int i = 0; i < change->made_node_count; i++) {
+        sbi_live_motion motion = sbi_live_made_motion(body, change, i);
+        sbi_live_set_motion(next, &motion);
+    }
+    for (int i = 0; i < change->moved_node_count; i++) {
+        sbi_live_motion motion = sbi_live_moved_motion(body, change, i);
+        sbi_live_set_motion(next, &motion);
+    }
     for (int i = 0; i < change->removed_node_count; i++)
         for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++) {
             sb_vec3 force = body->dead_load[change->removed_nodes[i]];
@@ -399,11 +428,6 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- momentum ---- */
 
-/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
-typedef struct sbi_live_moment {
-    double mass, linear[3], angular[3], linear_size, angular_size;
-} sbi_live_moment;
-
 static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
@@ -425,6 +449,11 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
+    if (body->live->follows) {
+        for (int a = 0; a < n; a++)
+            sbi_live_add_mass(sum, (double)body->live->masses[8 * e + a], body->position[cell[a]], about, v[cell[a]]);
+        return;
+    }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
     for (int a = 0; a < n; a++)
         x[a] = body->reference[cell[a]];
@@ -444,32 +473,45 @@ static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
     }
 }
 
-/* 1 when a made cell has the parent. */
-static int sbi_live_has_child(const sbi_mesh_change *change, int cell)
+SBI_API int sbi_live_first_changed(const sbi_mesh_change *change)
 {
     for (int i = 0; i < change->made_cell_count; i++)
-        if (change->made_parents[i] == cell)
-            return 1;
-    return 0;
+        if (change->made_parents[i] >= 0)
+            return change->made_cells[i];
+    return change->reshaped_cell_count ? change->reshaped_cells[0] : -1;
+}
+
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
+                                        const sb_vec3 *motion)
+{
+    unsigned char *has_child = body->live->cell_marks;
+    sbi_live_balance balance;
+    memset(&balance, 0, sizeof balance);
+    balance.about = about;
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 1;
+    for (int i = 0; i < change->reshaped_cell_count; i++)
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all);
+    balance.parents = balance.all;
+    for (int i = 0; i < change->removed_cell_count; i++)
+        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all);
+    for (int i = 0; i < change->removed_cell_count; i++)
+        if (has_child[change->removed_cells[i]])
+            sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.parents);
+    for (int i = 0; i < change->made_cell_count; i++)
+        if (change->made_parents[i] >= 0)
+            has_child[change->made_parents[i]] = 0;
+    return balance;
 }
 
 /* What the cells made should have: what those they replace had, all that were removed if they weigh as much, else those
  * that have children, by mass. */
-static sbi_live_moment sbi_live_wanted(const sb_body *body, const sbi_mesh_change *change, double made, sb_vec3 about,
-                                       const sb_vec3 *v)
+static sbi_live_moment sbi_live_wanted(const sbi_live_balance *before, double made)
 {
-    sbi_live_moment all, parents;
-    memset(&all, 0, sizeof all);
-    for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, v, &all);
-    parents = all;
-    for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, v, &all);
-    if (fabs(made - all.mass) <= 1e5 * (double)SB_EPSILON * all.mass)
-        return all;
-    for (int i = 0; i < change->removed_cell_count; i++)
-        if (sbi_live_has_child(change, change->removed_cells[i]))
-            sbi_live_add_cell(body, change->removed_cells[i], about, v, &parents);
+    sbi_live_moment parents = before->parents;
+    if (fabs(made - before->all.mass) <= 1e5 * (double)SB_EPSILON * before->all.mass)
+        return before->all;
     if (parents.mass > 0)
         sbi_live_scale_moment(&parents, made / parents.mass);
     return parents;
@@ -568,29 +610,23 @@ static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], co
 /* Gives the nodes of the cells made what is missing of the sums of m v and x x m v, for velocities or accelerations.
  * Differences within rounding are left alone, so that where interpolation keeps the sums no bit changes. Consistent
  * masses keep the angular one by themselves, for their motion is linear in the cells. */
-static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *change, const sb_vec3 *before,
-                                   sb_vec3 *after, sb_body *next)
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
+                                    sb_vec3 *motion)
 {
     const double rounding = 64 * (double)SB_EPSILON;
     sbi_live_moment have, want;
     sbi_live_rigid rigid;
     double linear[3], angular[3];
-    int missing = 0, first = -1;
+    int missing = 0;
     memset(&have, 0, sizeof have);
     memset(&rigid, 0, sizeof rigid);
-    for (int i = 0; i < change->made_cell_count && first < 0; i++)
-        first = change->made_parents[i] >= 0 ? change->made_cells[i] : -1;
-    if (first < 0 && change->reshaped_cell_count)
-        first = change->reshaped_cells[0];
-    if (first < 0)
-        return;
-    rigid.about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    rigid.about = before->about;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, after, &have);
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, after, &have);
-    want = sbi_live_wanted(body, change, have.mass, rigid.about, before);
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have);
+    want = sbi_live_wanted(before, have.mass);
     for (int i = 0; i < 3; i++) {
         linear[i] = want.linear[i] - have.linear[i];
         angular[i] = want.angular[i] - have.angular[i];
@@ -599,12 +635,28 @@ static void sbi_live_keep_momentum(const sb_body *body, const sbi_mesh_change *c
     }
     if (!missing)
         return;
-    rigid.values = after;
+    rigid.values = motion;
     sbi_live_visit_nodes(next, change, sbi_live_sum_node, &rigid);
     if (!(rigid.mass > 0))
         return;
     sbi_live_solve_rigid(next, linear, angular, &rigid);
     sbi_live_visit_nodes(next, change, sbi_live_push_node, &rigid);
+}
+
+static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *change, sb_body *next)
+{
+    int first = sbi_live_first_changed(change);
+    sbi_live_balance balance;
+    sb_vec3 about;
+    if (first < 0)
+        return;
+    about = next->position[next->domain.cells[(size_t)first * (size_t)change->nodes_per_cell]];
+    balance = sbi_live_weigh(body, change, about, body->velocity);
+    sbi_live_keep_momentum(next, change, &balance, next->velocity);
+    if (!body->acceleration_known)
+        return;
+    balance = sbi_live_weigh(body, change, about, body->acceleration);
+    sbi_live_keep_momentum(next, change, &balance, next->acceleration);
 }
 
 /* ---- all of it ---- */
@@ -652,9 +704,7 @@ SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *cha
     next->acceleration_known = body->acceleration_known;
     next->assembly.unknots = body->assembly.unknots;
     sbi_precond_set_memory(next->precond, sbi_precond_get_memory(body->precond));
-    sbi_live_keep_momentum(body, change, body->velocity, next->velocity, next);
-    if (body->acceleration_known)
-        sbi_live_keep_momentum(body, change, body->acceleration, next->acceleration, next);
+    sbi_live_carry_momentum(body, change, next);
     return SB_OK;
 }
 
@@ -679,6 +729,11 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->observe = old.observe;
     body->observer = old.observer;
     next->observe = NULL;
+    made->spare = live->spare;
+    made->lists = live->lists;
+    made->list_bytes = live->list_bytes;
+    live->spare = NULL;
+    live->lists = NULL;
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;

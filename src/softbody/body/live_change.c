@@ -76,16 +76,34 @@ static sb_result sbi_change_reserve(sb_body_change *change, int nodes, sb_error 
     return SB_OK;
 }
 
-/* More slots of one kind: half as many again. */
-static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots)
+/* An index of records for so many slots; NULL: no memory. */
+static int *sbi_change_make_index(sb_body_change *change, int capacity, const int *old, int old_capacity)
 {
+    int *index = (int *)sbi_alloc_zeroed(&change->body->allocator, (size_t)capacity, sizeof(int));
+    if (index && old)
+        memcpy(index, old, (size_t)old_capacity * sizeof(int));
+    return index;
+}
+
+/* More slots of one kind: half as many again. */
+static int sbi_change_grow_slots(sb_body_change *change, sbi_slots *slots, int **index)
+{
+    const sb_allocator *allocator = &change->body->allocator;
     sbi_slots grown;
     int64_t capacity = (int64_t)slots->capacity + slots->capacity / 2 + 16;
+    int *more;
     if (slots->count || slots->fresh < slots->capacity)
         return 1;
-    if (capacity > INT32_MAX / 8 || !sbi_slots_copy(&grown, slots, (int)capacity, &change->body->allocator))
+    if (capacity > INT32_MAX / 8)
         return 0;
-    sbi_slots_free(slots, &change->body->allocator);
+    more = sbi_change_make_index(change, (int)capacity, *index, slots->capacity);
+    if (!more || !sbi_slots_copy(&grown, slots, (int)capacity, allocator)) {
+        sbi_free(allocator, more);
+        return 0;
+    }
+    sbi_free(allocator, *index);
+    sbi_slots_free(slots, allocator);
+    *index = more;
     *slots = grown;
     return 1;
 }
@@ -109,6 +127,67 @@ static void sbi_change_log_vector(sb_body_change *change, sb_vec3 v)
 
 /* ---- begin and end ---- */
 
+/* Slots as those of the body, and an index of as many; 0: no memory. */
+static int sbi_change_copy_slots(sb_body_change *change, sbi_slots *to, const sbi_slots *from, int **index)
+{
+    const sb_allocator *allocator = &change->body->allocator;
+    if (to->capacity == from->capacity && *index) {
+        to->end = from->end;
+        to->fresh = from->fresh;
+        to->count = from->count;
+        memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
+        memcpy(to->used, from->used, (size_t)from->capacity);
+        return 1;
+    }
+    sbi_slots_free(to, allocator);
+    sbi_free(allocator, *index);
+    *index = sbi_change_make_index(change, from->capacity, NULL, 0);
+    return *index && sbi_slots_copy(to, from, 0, allocator);
+}
+
+/* Clears the lists; they keep their memory. */
+static void sbi_change_clear(sb_body_change *change)
+{
+    for (int i = 0; i < change->made_nodes.count; i++)
+        change->node_at[change->made_nodes.items[i].node] = 0;
+    for (int i = 0; i < change->made_cells.count; i++)
+        change->cell_at[change->made_cells.items[i].cell] = 0;
+    change->made_nodes.count = change->removed_nodes.count = change->moved_nodes.count = 0;
+    change->made_cells.count = change->removed_cells.count = 0;
+    change->entries.count = change->corners.count = 0;
+    change->log_ints.count = change->log_reals.count = 0;
+}
+
+/* An empty change with room in its lists for so many cells, or NULL. */
+static sb_body_change *sbi_change_make(sb_body *body, int cells)
+{
+    sb_body_change *change = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *change);
+    if (!change)
+        return NULL;
+    change->body = body;
+    if (!SBI_CHANGE_ROOM(change, made_nodes, cells) || !SBI_CHANGE_ROOM(change, removed_nodes, cells) ||
+        !SBI_CHANGE_ROOM(change, moved_nodes, cells) || !SBI_CHANGE_ROOM(change, made_cells, cells) ||
+        !SBI_CHANGE_ROOM(change, removed_cells, cells) || !SBI_CHANGE_ROOM(change, entries, 4 * cells) ||
+        !SBI_CHANGE_ROOM(change, corners, cells * body->domain.nodes_per_cell) ||
+        !SBI_CHANGE_ROOM(change, log_ints, (12 + body->domain.nodes_per_cell) * cells) ||
+        !SBI_CHANGE_ROOM(change, log_reals, 12 * cells) ||
+        !sbi_change_copy_slots(change, &change->nodes, &body->live->nodes, &change->node_at) ||
+        !sbi_change_copy_slots(change, &change->cells, &body->live->cells, &change->cell_at)) {
+        sbi_change_destroy(change);
+        return NULL;
+    }
+    return change;
+}
+
+SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
+{
+    size_t bytes = 4096 + 512 * (size_t)cells;
+    body->live->spare = sbi_change_make(body, cells);
+    body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
+    body->live->list_bytes = body->live->lists ? bytes : 0;
+    return body->live->spare && body->live->lists ? SB_OK : sbi_change_no_memory(error);
+}
+
 SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error)
 {
     sb_body_change *made;
@@ -118,16 +197,12 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the mesh of this body cannot change: def.slack was 0");
     if (body->live->open)
         return sbi_fail(error, SB_ERROR_STATE, "another change of this body is open");
-    made = (sb_body_change *)sbi_alloc_zeroed(&body->allocator, 1, sizeof *made);
-    if (!made)
+    made = body->live->spare;
+    if (!sbi_change_copy_slots(made, &made->nodes, &body->live->nodes, &made->node_at) ||
+        !sbi_change_copy_slots(made, &made->cells, &body->live->cells, &made->cell_at))
         return sbi_change_no_memory(error);
-    made->body = body;
     made->version = body->live->version;
-    if (!sbi_slots_copy(&made->nodes, &body->live->nodes, 0, &body->allocator) ||
-        !sbi_slots_copy(&made->cells, &body->live->cells, 0, &body->allocator)) {
-        sb_body_change_cancel(made);
-        return sbi_change_no_memory(error);
-    }
+    body->live->spare = NULL;
     body->live->open = made;
     *change = made;
     return SB_OK;
@@ -135,14 +210,23 @@ SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb
 
 SB_API void sb_body_change_cancel(sb_body_change *change)
 {
+    if (!change)
+        return;
+    sbi_change_clear(change);
+    change->body->live->open = NULL;
+    change->body->live->spare = change;
+}
+
+SBI_API void sbi_change_destroy(sb_body_change *change)
+{
     sb_allocator allocator;
     if (!change)
         return;
     allocator = change->body->allocator;
-    if (change->body->live->open == change)
-        change->body->live->open = NULL;
     sbi_slots_free(&change->nodes, &allocator);
     sbi_slots_free(&change->cells, &allocator);
+    sbi_free(&allocator, change->node_at);
+    sbi_free(&allocator, change->cell_at);
     sbi_free(&allocator, change->made_nodes.items);
     sbi_free(&allocator, change->removed_nodes.items);
     sbi_free(&allocator, change->moved_nodes.items);
@@ -160,18 +244,14 @@ SB_API void sb_body_change_cancel(sb_body_change *change)
 /* The record of a node that this change made and did not remove again, or NULL. */
 static sbi_changed_node *sbi_change_made_node(sb_body_change *change, int node)
 {
-    for (int i = change->made_nodes.count - 1; i >= 0; i--)
-        if (change->made_nodes.items[i].node == node && !change->made_nodes.items[i].dropped)
-            return change->made_nodes.items + i;
-    return NULL;
+    int at = node >= 0 && node < change->nodes.capacity ? change->node_at[node] : 0;
+    return at && !change->made_nodes.items[at - 1].dropped ? change->made_nodes.items + at - 1 : NULL;
 }
 
 static sbi_changed_cell *sbi_change_made_cell(sb_body_change *change, int cell)
 {
-    for (int i = change->made_cells.count - 1; i >= 0; i--)
-        if (change->made_cells.items[i].cell == cell && !change->made_cells.items[i].dropped)
-            return change->made_cells.items + i;
-    return NULL;
+    int at = cell >= 0 && cell < change->cells.capacity ? change->cell_at[cell] : 0;
+    return at && !change->made_cells.items[at - 1].dropped ? change->made_cells.items + at - 1 : NULL;
 }
 
 /* Finite weights >= 0 that sum to 1, and nodes known before the change or in use now. */
@@ -261,7 +341,7 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
         return result;
     expanded = sbi_change_expanded(change, sources, count);
     result = sbi_change_reserve(change, sbi_max_int(count, expanded), error);
-    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes))
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->nodes, &change->node_at))
         result = sbi_change_no_memory(error);
     if (result != SB_OK)
         return result;
@@ -274,7 +354,7 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     made->node = slot;
     made->position = position;
     made->flags = flags;
-    change->made_nodes.count++;
+    change->node_at[slot] = ++change->made_nodes.count;
     sbi_change_log_int(change, SBI_CHANGE_ADD_NODE);
     sbi_change_log_int(change, flags);
     sbi_change_log_list(change, sources, weights, count);
@@ -421,6 +501,7 @@ static void sbi_change_put_cell(sb_body_change *change, int slot, const sb_chang
     sbi_changed_cell *made = change->made_cells.items + change->made_cells.count++;
     memset(made, 0, sizeof *made);
     made->cell = slot;
+    change->cell_at[slot] = change->made_cells.count;
     made->parent = parent;
     made->share = cell->share;
     made->material = cell->region != SB_AUTO ? sbi_change_region(body, cell->region)
@@ -456,7 +537,7 @@ SB_API sb_result sb_body_change_add_cell(sb_body_change *change, const sb_change
     result = sbi_change_check_cell(change, cell, &parent, error);
     if (result == SB_OK)
         result = sbi_change_reserve(change, 0, error);
-    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells))
+    if (result == SB_OK && !sbi_change_grow_slots(change, &change->cells, &change->cell_at))
         result = sbi_change_no_memory(error);
     if (result != SB_OK)
         return result;
@@ -647,6 +728,8 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->made_shares = (sb_real *)sbi_arena_take(arena, come, sizeof(sb_real));
     lists->reshaped_cells = (int *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(int));
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
+    lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
+    lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -731,22 +814,27 @@ static void sbi_change_list_cells(const sb_body_change *change, sbi_change_lists
 }
 
 /* Cells that stay while a node of theirs moves, each once, by the order of the nodes. */
-static void sbi_change_list_reshaped(const sb_body_change *change, const sbi_live_mesh *mesh, sbi_change_lists *lists,
-                                     sb_mesh_change *out)
+static void sbi_change_list_reshaped(const sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out)
 {
     const sb_body *body = change->body;
+    unsigned char *marks = body->live->cell_marks;
+    for (int i = 0; i < change->removed_cells.count; i++)
+        marks[change->removed_cells.items[i]] = 1;
     for (int i = 0; i < change->moved_nodes.count; i++) {
         int node = change->moved_nodes.items[i].node;
         for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at)) {
-            int e = sbi_live_cell_of(body, at), stays = e < mesh->cells.end && mesh->inherit[e] == e && mesh->kept[e];
-            for (int j = 0; j < out->reshaped_cell_count; j++)
-                stays = stays && lists->reshaped_cells[j] != e;
-            if (!stays)
+            int e = sbi_live_cell_of(body, at);
+            if (marks[e])
                 continue;
-            lists->reshaped_shares[out->reshaped_cell_count] = mesh->shares[e];
+            marks[e] = 1;
+            lists->reshaped_shares[out->reshaped_cell_count] = body->live->shares[e];
             lists->reshaped_cells[out->reshaped_cell_count++] = e;
         }
     }
+    for (int i = 0; i < change->removed_cells.count; i++)
+        marks[change->removed_cells.items[i]] = 0;
+    for (int i = 0; i < out->reshaped_cell_count; i++)
+        marks[lists->reshaped_cells[i]] = 0;
 }
 
 /* The mesh that the change leads to. */
@@ -806,52 +894,35 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
     return cells ? SB_OK : sbi_fail(error, SB_ERROR_MESH, "the change would leave no cell");
 }
 
-/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
-static sb_result sbi_change_check_removed(const sb_body *body, const sbi_live_mesh *mesh, const sb_mesh_change *change,
-                                          sb_error *error)
-{
-    for (int i = 0; i < change->removed_node_count; i++) {
-        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
-        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
-            if (!sbi_slots_is_used(&mesh->nodes, change->heirs[k]))
-                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
-                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
-                                     node);
-        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
-                                 "node %d is supported and has no heir: release it before it is removed", node);
-    }
-    return SB_OK;
-}
-
-/* The lists, the mesh and the checks that need no neighbours. */
-static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out,
-                                    sbi_live_mesh *mesh, sb_error *error)
+/* The change as others learn of it, in memory that the body keeps for the next one. */
+static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists, sb_mesh_change *out, sb_error *error)
 {
     sb_body *body = change->body;
+    sbi_live *live = body->live;
     sbi_arena arena = {NULL, 0, 0};
-    sb_result result;
     memset(out, 0, sizeof *out);
     memset(lists, 0, sizeof *lists);
     change->reshaped_most = sbi_change_count_reshaped(change);
     sbi_change_layout(change, lists, &arena);
-    lists->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&body->allocator, arena.used + 1, 1);
-    if (!lists->memory)
+    if (arena.overflow || arena.used > (size_t)-1 / 2)
         return sbi_change_no_memory(error);
-    arena.base = (unsigned char *)lists->memory;
+    if (arena.used > live->list_bytes) {
+        void *memory = sbi_alloc(&body->allocator, arena.used + arena.used / 2, 1);
+        if (!memory)
+            return sbi_change_no_memory(error);
+        sbi_free(&body->allocator, live->lists);
+        live->lists = memory;
+        live->list_bytes = arena.used + arena.used / 2;
+    }
+    arena.base = (unsigned char *)live->lists;
     arena.used = 0;
     sbi_change_layout(change, lists, &arena);
-    result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
-    if (result != SB_OK)
-        return result;
-    sbi_live_mesh_fill(body, mesh);
-    sbi_change_apply(change, mesh);
     out->node_end = change->nodes.end;
     out->cell_end = change->cells.end;
     out->nodes_per_cell = body->domain.nodes_per_cell;
     sbi_change_list_nodes(change, lists, out);
     sbi_change_list_cells(change, lists, out);
-    sbi_change_list_reshaped(change, mesh, lists, out);
+    sbi_change_list_reshaped(change, lists, out);
     out->made_nodes = lists->made_nodes;
     out->made_copies = lists->made_copies;
     out->source_start = lists->source_start;
@@ -874,59 +945,68 @@ static sb_result sbi_change_prepare(sb_body_change *change, sbi_change_lists *li
     out->made_shares = lists->made_shares;
     out->reshaped_cells = lists->reshaped_cells;
     out->reshaped_shares = lists->reshaped_shares;
+    return SB_OK;
+}
+
+/* The mesh that it leads to, and the checks that need no neighbours. */
+static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mesh_change *out, sbi_live_mesh *mesh,
+                                      sb_error *error)
+{
+    const sb_body *body = change->body;
+    sb_result result = sbi_live_mesh_allocate(body, &change->nodes, &change->cells, mesh, error);
+    if (result != SB_OK)
+        return result;
+    sbi_live_mesh_fill(body, mesh);
+    sbi_change_apply(change, mesh);
     result = sbi_change_check_corners(body, mesh, error);
     if (result == SB_OK)
-        result = sbi_change_check_removed(body, mesh, out, error);
+        result = sbi_live_check_removed(body, &mesh->nodes, out, error);
     return result;
 }
 
-/* Asks all listeners; on failure those asked before give up. */
-static sb_result sbi_change_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+/* Makes the change on a body of its own, beside the present one, which takes its place. */
+static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change *out, sb_error *error)
 {
-    const sbi_live *live = body->live;
-    for (int i = 0; i < live->listener_count; i++) {
-        const sb_body_listener *calls = &live->listeners[i].calls;
-        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
-        for (int k = 0; k < i && result != SB_OK; k++)
-            if (live->listeners[k].calls.give_up)
-                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
-        if (result != SB_OK)
-            return result;
+    sb_body *body = change->body, *next = NULL;
+    sbi_live_mesh mesh;
+    sb_result result;
+    memset(&mesh, 0, sizeof mesh);
+    result = sbi_change_make_mesh(change, out, &mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_build(body, &mesh, &next, error);
+    if (result == SB_OK)
+        result = sbi_live_carry(body, out, &mesh, next, error);
+    if (result == SB_OK)
+        result = sbi_live_ask_listeners(body, out, error);
+    if (result == SB_OK) {
+        sbi_live_replace(body, next);
+        next = NULL;
     }
-    return SB_OK;
+    sb_body_destroy(next);
+    sbi_live_mesh_free(body, &mesh);
+    return result;
 }
 
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error)
 {
     sbi_change_lists lists;
     sb_mesh_change out;
-    sbi_live_mesh mesh;
-    sb_body *body, *next = NULL;
+    sb_body *body;
     sb_result result;
     if (!change)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_commit needs a change");
     body = change->body;
     if (change->version != body->live->version)
         return sbi_fail(error, SB_ERROR_STATE, "the body got another mesh after the change had begun");
-    memset(&mesh, 0, sizeof mesh);
-    result = sbi_change_prepare(change, &lists, &out, &mesh, error);
-    if (result == SB_OK)
-        result = sbi_live_build(body, &mesh, &next, error);
-    if (result == SB_OK)
-        result = sbi_live_carry(body, &out, &mesh, next, error);
-    if (result == SB_OK)
-        result = sbi_change_ask_listeners(body, &out, error);
-    if (result == SB_OK) {
-        sbi_live_replace(body, next);
-        next = NULL;
-        sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
-                      change->log_reals.items, (size_t)change->log_reals.count);
-        for (int i = 0; i < body->live->listener_count; i++)
-            body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
-        sb_body_change_cancel(change);
-    }
-    sb_body_destroy(next);
-    sbi_live_mesh_free(body, &mesh);
-    sbi_free(&body->allocator, lists.memory);
-    return result;
+    result = sbi_change_list(change, &lists, &out, error);
+    if (result == SB_OK && !sbi_live_follow(change, &lists, &out, &result, error))
+        result = sbi_change_rebuild(change, &out, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_tell(body, SBI_COMMAND_CHANGE, 0, 0, change->log_ints.items, (size_t)change->log_ints.count,
+                  change->log_reals.items, (size_t)change->log_reals.count);
+    for (int i = 0; i < body->live->listener_count; i++)
+        body->live->listeners[i].calls.follow(body->live->listeners[i].calls.user, body, &out);
+    sb_body_change_cancel(change);
+    return SB_OK;
 }

@@ -35,6 +35,7 @@ struct sb_body_change {
     struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
     struct { sbi_change_entry *items; int count, capacity; } entries;
     struct { sb_real *items; int count, capacity; } log_reals;
+    int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
     int reshaped_most; /* upper bound of the cells reshaped */
     int version;       /* of the body's mesh at the beginning */
 };
@@ -48,6 +49,19 @@ typedef struct sbi_change_lists {
     unsigned char *made_copies;
     sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
     sb_vec3 *moved_from;
+    sbi_live_motion *motions; /* [made and moved nodes] */
+    sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
 } sbi_change_lists;
+
+/* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
+ * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has happened; 1: *result
+ * says how it went. */
+SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
+                            sb_result *result, sb_error *error);
+/* Asks all listeners; on failure those asked before give up. */
+SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error);
+/* Whether all that refers to nodes by themselves can go on: heirs and supports. */
+SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
+                                         sb_error *error);
 
 #endif /* SB_LIVE_CHANGE_H */

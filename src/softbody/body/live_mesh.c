@@ -6,12 +6,31 @@
 
 /* ---- what a body has of it ---- */
 
+enum { SBI_LIVE_LISTED = 1024 }; /* cells that the lists of a change have room for from the beginning, or the slack */
+
+SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error)
+{
+    int more = body->live ? body->live->cells.capacity - body->domain.cell_count : 0;
+    int cells = sbi_max_int(16, sbi_min_int(more, SBI_LIVE_LISTED));
+    sb_result result = body->live ? sbi_change_take_spare(body, cells, error) : SB_OK;
+    if (result == SB_OK && sbi_live_follows(body))
+        result = sbi_matrix_reserve_plan(&body->matrix, 12 * cells, error);
+    if (result == SB_OK && sbi_live_follows(body))
+        result = sbi_assembly_reserve_parents(&body->assembly, cells, error);
+    return result;
+}
+
 SBI_API void sbi_live_destroy(sb_body *body)
 {
     sbi_live *live = body->live;
     if (!live)
         return;
     sb_body_change_cancel(live->open);
+    sbi_change_destroy(live->spare);
+    sbi_free(&body->allocator, live->lists);
+    sbi_free(&body->allocator, live->masses);
+    sbi_free(&body->allocator, live->node_marks);
+    sbi_free(&body->allocator, live->cell_marks);
     sbi_slots_free(&live->nodes, &body->allocator);
     sbi_slots_free(&live->cells, &body->allocator);
     sbi_free(&body->allocator, live->shares);

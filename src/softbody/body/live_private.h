@@ -37,6 +37,12 @@ typedef struct sbi_live {
     sb_quadrature_kind rule;  /* of the domain's points */
     int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
     double slack;             /* of the def */
+    sb_real *masses;          /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
+    int *node_marks;          /* [nodes.capacity] zeros between calls */
+    unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
+    sb_body_change *spare;    /* a change with its lists, for the next one; NULL while it is open */
+    void *lists;              /* behind the lists of a change while it is made */
+    size_t list_bytes;
     int version;
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
@@ -59,6 +65,11 @@ typedef struct sbi_live_mesh {
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_destroy(sb_body *body);
+SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
+/* A change with lists for so many cells, for the first to begin. */
+SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error);
+/* Lists for the changes to come of a body that is made. */
+SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error);
 
 /* Room for a mesh with copies of these slots. */
 SBI_API sb_result sbi_live_mesh_allocate(const sb_body *body, const sbi_slots *nodes, const sbi_slots *cells,
@@ -87,6 +98,38 @@ SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, s
 SBI_API sb_result sbi_live_make_assembly(sb_body *body, sb_error *error);
 /* Parts of the nodes in the order of their first nodes, from a matrix that follows and couples by cells only. */
 SBI_API void sbi_live_label_nodes(sb_body *body);
+/* The rest of those who follow. */
+SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error);
+
+/* Mass (kg), and sums of m v and (x - about) x m v of some cells; size: sums of the magnitudes. */
+typedef struct sbi_live_moment {
+    double mass, linear[3], angular[3], linear_size, angular_size;
+} sbi_live_moment;
+/* What the cells that a change takes or reshapes have, before it: all of them, and those reshaped or with children. */
+typedef struct sbi_live_balance {
+    sb_vec3 about;
+    sbi_live_moment all, parents;
+} sbi_live_balance;
+/* The cell made or reshaped that momentum is summed about (the place of its first node after the change), or -1: there
+ * is none, and nothing to keep. */
+SBI_API int sbi_live_first_changed(const sbi_mesh_change *change);
+SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_change *change, sb_vec3 about,
+                                        const sb_vec3 *motion);
+/* Gives the nodes of the cells that changed what is missing of it. */
+SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change, const sbi_live_balance *before,
+                                    sb_vec3 *motion);
+/* What has a value for each node that goes on from step to step. */
+enum { SBI_LIVE_CARRIED = 8 };
+SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);
+/* Motion of a node made (or moved with sources), from the body before the change. */
+typedef struct sbi_live_motion {
+    int node;                /* -1: it keeps what it has */
+    unsigned char fixed;
+    sb_vec3 displacement, velocity, acceleration, target;
+} sbi_live_motion;
+SBI_API sbi_live_motion sbi_live_made_motion(const sb_body *body, const sbi_mesh_change *change, int index);
+SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index);
+
 /* Makes a recorded change again. */
 SBI_API sb_result sbi_change_replay(sb_body *body, const sbi_command *command, sb_error *error);
 

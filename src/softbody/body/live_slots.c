@@ -1,4 +1,5 @@
 /* live_slots: slots of nodes and cells, and what a body with slack has besides them. */
+#include "live_change.h"
 #include "live_private.h"
 
 #include <string.h>
@@ -112,6 +113,7 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     int node_capacity = sbi_live_with_slack(nodes, def->slack), cell_capacity = sbi_live_with_slack(cells, def->slack);
     sbi_live *live;
+    sb_result result;
     body->node_capacity = nodes;
     if (def->slack == 0)
         return SB_OK;
@@ -136,7 +138,22 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
     live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
-    return sbi_live_take_cells(body, error);
+    result = sbi_live_take_marks(body, error);
+    return result == SB_OK ? sbi_live_take_cells(body, error) : result;
+}
+
+SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
+{
+    sbi_live *live = body->live;
+    const sb_allocator *allocator = &body->allocator;
+    size_t nodes = (size_t)live->nodes.capacity, cells = (size_t)live->cells.capacity;
+    live->node_marks = (int *)sbi_alloc_zeroed(allocator, nodes, sizeof(int));
+    live->cell_marks = (unsigned char *)sbi_alloc_zeroed(allocator, cells, 1);
+    if (live->follows)
+        live->masses = (sb_real *)sbi_alloc_zeroed(allocator, cells, 8 * sizeof(sb_real));
+    return live->node_marks && live->cell_marks && (live->masses || !live->follows)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells that may change", live->cells.capacity);
 }
 
 SBI_API sb_result sbi_live_make_matrix(const sb_body *body, sb_matrix *matrix, sb_error *error)
@@ -170,4 +187,38 @@ SBI_API void sbi_live_label_nodes(sb_body *body)
         int part = matrix->live->part_of[i];
         body->node_component[i] = part == lonely ? -1 : part - (lonely >= 0 && part > lonely);
     }
+}
+
+/* ---- what every change asks ---- */
+
+SBI_API sb_result sbi_live_ask_listeners(const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const sbi_live *live = body->live;
+    for (int i = 0; i < live->listener_count; i++) {
+        const sb_body_listener *calls = &live->listeners[i].calls;
+        sb_result result = calls->reserve ? calls->reserve(calls->user, body, change, error) : SB_OK;
+        for (int k = 0; k < i && result != SB_OK; k++)
+            if (live->listeners[k].calls.give_up)
+                live->listeners[k].calls.give_up(live->listeners[k].calls.user);
+        if (result != SB_OK)
+            return result;
+    }
+    return SB_OK;
+}
+
+SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *nodes, const sb_mesh_change *change,
+                                         sb_error *error)
+{
+    for (int i = 0; i < change->removed_node_count; i++) {
+        int node = change->removed_nodes[i], heirs = change->heir_start[i + 1] - change->heir_start[i];
+        for (int k = change->heir_start[i]; k < change->heir_start[i + 1]; k++)
+            if (!sbi_slots_is_used(nodes, change->heirs[k]))
+                return sbi_fail_node(error, SB_ERROR_INDEX, change->heirs[k],
+                                     "node %d, the heir of node %d, is not in use after the change", change->heirs[k],
+                                     node);
+        if (!heirs && body->fixed[node] && body->node_component[node] >= 0)
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                 "node %d is supported and has no heir: release it before it is removed", node);
+    }
+    return SB_OK;
 }

@@ -323,6 +323,13 @@ static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
     return 1;
 }
 
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
+{
+    return sbi_assembly_reserve_inherited(assembly, cells)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
+}
+
 SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
                                        sb_error *error)
 {

@@ -40,6 +40,8 @@ SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix
 /* Memory to follow a change that domain and matrix have room for already. */
 SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
                                        sb_error *error);
+/* Memory for changes that make so many cells. */
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error);
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);

@@ -412,6 +412,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    sb_real gradients[12];
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    sbi_element_shape(element, points[0], NULL, local);
+    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+}
+
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
 {
     for (int e = domain->cell_count; e < change->cell_end; e++)

@@ -1,4 +1,5 @@
 /* precond: factors, their application and the object. */
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -303,14 +304,14 @@ SB_API const char *sb_precond_string(sb_precond_kind kind)
     }
 }
 
-static int sbi_precond_pieces(const sb_preconditioner_def *def, int rows)
+static int sbi_precond_pieces(const sb_preconditioner *p, int rows)
 {
     int pieces = rows / SBI_PRECOND_NODES_PER_PIECE;
-    if (!def->positions || def->kind == SB_PRECOND_NONE || def->kind == SB_PRECOND_MULTIGRID)
+    if (!p->rest || p->kind == SB_PRECOND_NONE || p->kind == SB_PRECOND_MULTIGRID)
         return 0;
-    if (def->piece_count != SB_PRECOND_PIECES_AUTO)
-        return def->piece_count;
-    if (def->kind == SB_PRECOND_CHOLESKY) /* it leaves nothing to smooth */
+    if (p->wanted_pieces != SB_PRECOND_PIECES_AUTO)
+        return p->wanted_pieces;
+    if (p->kind == SB_PRECOND_CHOLESKY) /* it leaves nothing to smooth */
         return 0;
     return pieces < SBI_PRECOND_MAX_PIECES ? pieces : SBI_PRECOND_MAX_PIECES;
 }
@@ -407,7 +408,7 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     } else if (p->kind == SB_PRECOND_CHOLESKY) {
         result = sbi_precond_make_direct(p, def, a);
     } else {
-        p->inverse = sbi_precond_take_floats(p, (size_t)a->row_count, 12);
+        p->inverse = sbi_precond_take_floats(p, (size_t)sbi_matrix_row_capacity(a), 12);
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
@@ -417,22 +418,58 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
     return result;
 }
 
+/* Whether what this kind has of the pattern follows; kinds that do not are made anew. */
+static int sbi_precond_kind_follows(sb_precond_kind kind)
+{
+    return kind == SB_PRECOND_NONE || kind == SB_PRECOND_BLOCK_JACOBI || kind == SB_PRECOND_SSOR ||
+           kind == SB_PRECOND_IC0;
+}
+
+/* Scratch for the patterns to come of a matrix that follows; 0: no memory. */
+static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
+{
+    if (!a->live || !sbi_precond_kind_follows(p->kind))
+        return 1;
+    p->row_room = sbi_matrix_row_capacity(a);
+    p->block_room = sbi_matrix_capacity(a);
+    p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
+    if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
+        return 0;
+    p->scratch = sbi_precond_take_ints(p, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
+    p->centres = (sb_vec3 *)sbi_precond_take(p, (size_t)p->row_room, sizeof(sb_vec3));
+    return p->scratch && p->centres;
+}
+
+/* The pieces, once the smoother is there; 0: no memory. */
+static int sbi_precond_make_any_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces)
+{
+    int most = p->row_room ? sbi_precond_pieces(p, p->row_room) : pieces;
+    if (most == 0)
+        return 1;
+    if (!p->row_room)
+        return sbi_precond_make_coarse(p, a, p->rest, pieces);
+    if (!sbi_precond_take_coarse(p, most))
+        return 0;
+    sbi_precond_shape_coarse(p, a, pieces);
+    return 1;
+}
+
 static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_preconditioner_def *def, const sb_matrix *a,
                                            sb_error *error)
 {
-    size_t rows = (size_t)a->row_count;
-    int pieces = sbi_precond_pieces(def, a->row_count);
+    size_t rows = (size_t)sbi_matrix_row_capacity(a);
+    int pieces = sbi_precond_pieces(p, a->row_count);
     sb_result result = SB_OK;
     p->middle = sbi_precond_take_floats(p, rows, 4);
     p->result = sbi_precond_take_floats(p, rows, 4);
     p->turns = sbi_precond_take_floats(p, rows, 12);
     p->held = sbi_precond_take_floats(p, rows, 4);
     p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
-    if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed)
+    if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed || !sbi_precond_take_following(p, a))
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
         result = sbi_precond_make_kind(p, def, a, pieces);
-    if (result == SB_OK && pieces > 0 && !sbi_precond_make_coarse(p, a, def->positions, pieces))
+    if (result == SB_OK && !sbi_precond_make_any_coarse(p, a, pieces))
         result = SB_ERROR_MEMORY;
     if (result != SB_OK)
         return sbi_fail(error, result, "no memory for a preconditioner of %d rows", a->row_count);
@@ -499,6 +536,8 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     p->power = def->power;
     p->bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
+    p->rest = def->positions;
+    p->wanted_pieces = def->piece_count;
     p->row_count = pattern->row_count;
     p->block_count = sbi_matrix_used_blocks(pattern);
     p->lower_count = (p->block_count - pattern->row_count) / 2;
@@ -534,6 +573,42 @@ SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_mat
     def.jobs = like->jobs;
     def.power = like->power;
     return sbi_precond_create(&def, pattern, like, allocator, out, error);
+}
+
+/* ---- patterns that change -------------------------------------------------------------------------------- */
+
+SBI_API int sbi_precond_reserve(const sb_preconditioner *p, const sb_matrix *matrix)
+{
+    if (!sbi_precond_kind_follows(p->kind))
+        return 0;
+    return p->kind == SB_PRECOND_NONE ||
+           (sbi_matrix_row_capacity(matrix) <= p->row_room && sbi_matrix_capacity(matrix) <= p->block_room &&
+            matrix->live->longest <= p->longest_room);
+}
+
+SBI_API void sbi_precond_follow(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *rest)
+{
+    p->row_count = matrix->row_count;
+    p->block_count = sbi_matrix_used_blocks(matrix);
+    p->lower_count = (p->block_count - p->row_count) / 2;
+    p->pattern_version = sbi_matrix_version(matrix);
+    p->rest = rest;
+    p->pattern_hash = 0; /* for images of a factor, which nobody makes of these */
+    p->ready = p->turned = 0;
+    p->coarse.ready = 0;
+    p->stale = 1;
+}
+
+SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
+{
+    int pieces = sbi_precond_pieces(p, p->row_count);
+    if (!p->stale)
+        return;
+    p->stale = 0;
+    if (p->kind == SB_PRECOND_SSOR || p->kind == SB_PRECOND_IC0)
+        sbi_precond_shape_lower(p, matrix, p->kind == SB_PRECOND_IC0 && pieces > 0);
+    if (p->coarse.piece_room)
+        sbi_precond_shape_coarse(p, matrix, pieces);
 }
 
 /* ---- update -------------------------------------------------------------------------------------------- */
@@ -634,6 +709,7 @@ SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix 
     work.result = sbi_precond_check_matrix(p, matrix, positions, &scale, error);
     if (work.result != SB_OK)
         return work.result;
+    sbi_precond_settle(p, matrix);
     p->matrix_scale = sbi_precond_power(scale);
     p->attempts = 0;
     p->ready = 0;

@@ -180,6 +180,14 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
+/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi, SSOR,
+ * IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
+/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again, from
+ * the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
+SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
+/* Does so now, if that is still to be done. */
+SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
 /* Another Poisson's ratio than that of the def, for all updates to come. */
 SBI_API void sbi_precond_set_poisson(sb_preconditioner *preconditioner, sb_real poisson);
 /* 1: z of one connected part of the pattern depends on r of another, as the user's levels may have it. */

@@ -35,33 +35,46 @@ static int sbi_precond_list_entries(sbi_precond_coarse *c, const sb_matrix *a, i
     return entries;
 }
 
+/* Lists the matrix blocks of each entry. */
+static void sbi_precond_list_blocks(sbi_precond_coarse *c, const sb_matrix *a, int entries, const int *entry_of)
+{
+    memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
+    for (int i = 0; i < a->row_count; i++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            c->entry_start[entry_of[q] + 2]++;
+    for (int e = 0; e < entries; e++)
+        c->entry_start[e + 2] += c->entry_start[e + 1];
+    for (int i = 0; i < a->row_count; i++)
+        for (int q = a->row_start[i]; q < a->row_end[i]; q++)
+            c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+}
+
+static int sbi_precond_take_entries(sb_preconditioner *p, size_t entries, size_t blocks)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    c->entry_node = sbi_precond_take_ints(p, entries);
+    c->entry_start = sbi_precond_take_ints(p, entries + 2);
+    c->entry_blocks = sbi_precond_take_ints(p, blocks);
+    c->coupling = sbi_precond_take_floats(p, entries, 24);
+    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
+}
+
 static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries;
+    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
     if (!scratch)
         return 0;
     entry_of = scratch + rows;
     entries = sbi_precond_list_entries(c, a, scratch, entry_of);
-    c->entry_node = sbi_precond_take_ints(p, (size_t)entries);
-    c->entry_start = sbi_precond_take_ints(p, (size_t)entries + 2);
-    c->entry_blocks = sbi_precond_take_ints(p, blocks);
-    c->coupling = sbi_precond_take_floats(p, (size_t)entries, 24);
-    if (c->entry_node && c->entry_start && c->entry_blocks && c->coupling) {
+    made = sbi_precond_take_entries(p, (size_t)entries, blocks);
+    if (made) {
         sbi_precond_list_entries(c, a, scratch, entry_of);
-        memset(c->entry_start, 0, ((size_t)entries + 2) * sizeof(int));
-        for (int i = 0; i < a->row_count; i++)
-            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
-                c->entry_start[entry_of[q] + 2]++;
-        for (int e = 0; e < entries; e++)
-            c->entry_start[e + 2] += c->entry_start[e + 1];
-        for (int i = 0; i < a->row_count; i++)
-            for (int q = a->row_start[i]; q < a->row_end[i]; q++)
-                c->entry_blocks[c->entry_start[entry_of[q] + 1]++] = q;
+        sbi_precond_list_blocks(c, a, entries, entry_of);
     }
     sbi_free(&p->allocator, scratch);
-    return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
+    return made;
 }
 
 /* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
@@ -81,18 +94,25 @@ static void sbi_precond_make_reach(sbi_precond_coarse *c)
             c->reach[i] = sbi_max_int(c->reach[i], c->reach[a]);
 }
 
-/* Takes the rows of the matrix: those of a piece as long as they reach. */
-static int sbi_precond_take_matrix(sb_preconditioner *p)
+/* Where the rows of the matrix begin: those of a piece are as long as they reach. Returns their end. */
+static size_t sbi_precond_line_rows(sbi_precond_coarse *c)
 {
-    sbi_precond_coarse *c = &p->coarse;
     size_t entries = 0;
-    c->row_at = (size_t *)sbi_precond_take(p, (size_t)c->piece_count, sizeof(size_t));
-    for (int a = 0; c->row_at && a < c->piece_count; a++) {
+    for (int a = 0; a < c->piece_count; a++) {
         c->row_at[a] = entries;
         entries += 6 * (size_t)(c->reach[a] - 6 * a);
     }
-    c->matrix = (double *)sbi_precond_take(p, entries, sizeof(double));
-    return c->row_at && c->matrix;
+    return entries;
+}
+
+/* Where each piece starts in the list of nodes. */
+static void sbi_precond_start_pieces(sbi_precond_coarse *c, int rows)
+{
+    c->size = 6 * c->piece_count;
+    for (int k = 0; k < rows; k++)
+        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
+            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
+    c->piece_start[c->piece_count] = rows;
 }
 
 /* Finds the pieces, and where each of them starts in the list of nodes. */
@@ -100,45 +120,91 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
+    int *scratch = (int *)sbi_alloc(&p->allocator, 6 * rows + 1, sizeof(int));
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, rows, sizeof(sb_vec3));
     c->piece_nodes = sbi_precond_take_ints(p, rows);
     c->piece_of = sbi_precond_take_ints(p, rows);
-    if (!c->piece_nodes || !c->piece_of)
-        return 0;
-    c->piece_count = sbi_precond_make_pieces(a, positions, pieces, &p->allocator, c->piece_nodes, c->piece_of);
+    if (c->piece_nodes && c->piece_of && scratch && centres)
+        c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
+    sbi_free(&p->allocator, scratch);
+    sbi_free(&p->allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
         return 0;
-    c->size = 6 * c->piece_count;
     c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
-    for (int k = 0; c->piece_start && k < a->row_count; k++)
-        if (k == 0 || c->piece_of[c->piece_nodes[k]] != c->piece_of[c->piece_nodes[k - 1]])
-            c->piece_start[c->piece_of[c->piece_nodes[k]]] = k;
     if (c->piece_start)
-        c->piece_start[c->piece_count] = a->row_count;
+        sbi_precond_start_pieces(c, a->row_count);
     return c->piece_start != NULL;
+}
+
+/* Arrays by node and piece. */
+static int sbi_precond_take_motions(sb_preconditioner *p, size_t rows, size_t pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    c->piece_entry = sbi_precond_take_ints(p, pieces + 1);
+    c->reach = sbi_precond_take_ints(p, pieces);
+    c->row_at = (size_t *)sbi_precond_take(p, pieces, sizeof(size_t));
+    c->arms = sbi_precond_take_floats(p, rows, 4);
+    c->free = sbi_precond_take_floats(p, rows, 4);
+    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
+    c->inverse = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
+    c->solution = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
+    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
+    return c->piece_entry && c->reach && c->row_at && c->arms && c->free && c->places && c->inverse && c->solution &&
+           c->positions;
 }
 
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    if (!sbi_precond_find_pieces(p, a, positions, pieces))
-        return 0;
-    c->piece_entry = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
-    c->reach = sbi_precond_take_ints(p, (size_t)c->piece_count);
-    c->arms = sbi_precond_take_floats(p, rows, 4);
-    c->free = sbi_precond_take_floats(p, rows, 4);
-    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->inverse = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, (size_t)c->size, sizeof(double));
-    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
-    if (!c->piece_entry || !c->reach || !c->arms || !c->free || !c->places || !c->inverse || !c->solution ||
-        !c->positions)
+    if (!sbi_precond_find_pieces(p, a, positions, pieces) ||
+        !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    return sbi_precond_take_matrix(p);
+    c->matrix = (double *)sbi_precond_take(p, sbi_precond_line_rows(c), sizeof(double));
+    return c->matrix != NULL;
+}
+
+/* ---- of a matrix that follows --------------------------------------------------------------------------- */
+
+/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the last
+ * are one. Crumbs that a cut leaves are pieces of their own. */
+static int sbi_precond_most_pieces(int pieces) { return 2 * pieces + 32; }
+
+SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
+    c->piece_room = (int)most;
+    c->piece_nodes = sbi_precond_take_ints(p, rows);
+    c->piece_of = sbi_precond_take_ints(p, rows);
+    c->piece_start = sbi_precond_take_ints(p, most + 1);
+    c->matrix = (double *)sbi_precond_take(p, 18 * most * (most + 1), sizeof(double));
+    return c->piece_nodes && c->piece_of && c->piece_start && c->matrix && sbi_precond_take_motions(p, rows, most) &&
+           sbi_precond_take_entries(p, blocks, blocks);
+}
+
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces)
+{
+    sbi_precond_coarse *c = &p->coarse;
+    int most = sbi_min_int(sbi_precond_most_pieces(pieces), c->piece_room), rows = a->row_count, entries;
+    int *marker = p->scratch, *entry_of = p->scratch + rows;
+    c->ready = c->piece_count = c->size = 0;
+    if (pieces == 0)
+        return;
+    c->piece_count = sbi_precond_make_pieces(a, p->rest, pieces, p->scratch, p->centres, c->piece_nodes, c->piece_of);
+    for (int i = 0; i < rows && c->piece_count > most; i++)
+        c->piece_of[i] = sbi_min_int(c->piece_of[i], most - 1);
+    c->piece_count = sbi_min_int(c->piece_count, most);
+    sbi_precond_start_pieces(c, rows);
+    memcpy(c->positions, p->rest, (size_t)rows * sizeof(sb_vec3));
+    entries = sbi_precond_list_entries(c, a, marker, entry_of);
+    sbi_precond_list_blocks(c, a, entries, entry_of);
+    sbi_precond_make_reach(c);
+    sbi_precond_line_rows(c);
 }
 
 /* Row k of the matrix: entries from the first of k's piece to its reach, to be read at [column]. */

@@ -4,6 +4,7 @@
  * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
 #include <float.h>
 #include <limits.h>
+#include <string.h>
 
 #include "precond_private.h"
 
@@ -70,24 +71,22 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation; counts them, and writes them when `pairs` is not NULL. in_row [row_count] is
- * scratch of -1. */
-static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t *pair_start,
-                                     int *pairs)
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
     for (int k = 0; k < p->row_count; k++) {
         for (int e = p->start[k]; e < p->start[k + 1]; e++) {
             int j = p->columns[e];
-            if (pairs)
-                pair_start[e] = total;
+            if (room)
+                p->pair_start[e] = total;
             /* columns are in order, so in_row[] holds the m before j of this row when (i, j) is met */
             for (int b = p->start[place[j]]; b < p->start[place[j] + 1]; b++) {
                 if (in_row[p->columns[b]] < 0)
                     continue;
-                if (pairs) {
-                    pairs[2 * total] = in_row[p->columns[b]];
-                    pairs[2 * total + 1] = b;
+                if (total < room) {
+                    p->pairs[2 * total] = in_row[p->columns[b]];
+                    p->pairs[2 * total + 1] = b;
                 }
                 total++;
             }
@@ -96,32 +95,63 @@ static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *plac
         for (int e = p->start[k]; e < p->start[k + 1]; e++)
             in_row[p->columns[e]] = -1;
     }
-    if (pairs)
-        pair_start[p->lower_count] = total;
+    if (room)
+        p->pair_start[p->lower_count] = total;
     return total;
 }
 
-static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row)
+/* Memory of the pairs: as many as there are, and of a matrix that follows as many again by half. */
+static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t total)
 {
-    size_t total;
+    size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
+    p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
+    p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
+    p->row = sbi_precond_take_floats(p, 2 * longest, 12);
+    if (p->row_room) {
+        p->place = sbi_precond_take_ints(p, (size_t)p->row_room);
+        p->in_row = sbi_precond_take_ints(p, 2 * (size_t)p->row_room);
+        p->found = sbi_precond_take_ints(p, 4 * longest);
+        if (!p->place || !p->in_row || !p->found)
+            return 0;
+    }
+    return p->pair_start && p->pairs && p->row;
+}
+
+/* Lists the pairs; may_take: their memory is still to be had. 0: there is none. */
+static int sbi_precond_make_pairs(sb_preconditioner *p, const int *place, int *in_row, size_t lower, int may_take)
+{
     p->longest = 0;
     for (int k = 0; k < p->row_count; k++) {
         in_row[k] = -1;
         p->longest = sbi_max_int(p->longest, p->start[k + 1] - p->start[k]);
     }
-    total = sbi_precond_list_pairs(p, place, in_row, NULL, NULL);
-    p->pair_start = (size_t *)sbi_precond_take(p, (size_t)p->lower_count + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, total, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, 2 * (size_t)p->longest, 12);
-    if (!p->pair_start || !p->pairs || !p->row)
+    if (may_take && !sbi_precond_take_pairs(p, lower, sbi_precond_list_pairs(p, place, in_row, 0)))
         return 0;
-    sbi_precond_list_pairs(p, place, in_row, p->pair_start, p->pairs);
+    p->unlisted = sbi_precond_list_pairs(p, place, in_row, p->pair_room) > p->pair_room;
+    if (p->row_room) {
+        memcpy(p->place, place, (size_t)p->row_count * sizeof(int));
+        for (int k = 0; k < 2 * p->row_room; k++)
+            p->in_row[k] = -1;
+    }
     return 1;
+}
+
+/* Order, rows and pairs for a pattern; place: scratch [2 row_count]. */
+static int sbi_precond_fill_lower(sb_preconditioner *p, const sb_matrix *a, int halved, int *place, size_t lower,
+                                  int may_take)
+{
+    sbi_precond_make_order(p, a, halved);
+    for (int k = 0; k < p->row_count; k++)
+        place[p->order[k]] = k;
+    sbi_precond_fill_rows(p, a, place);
+    return p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + p->row_count, lower, may_take);
 }
 
 SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved)
 {
-    size_t rows = (size_t)p->row_count, lower = (size_t)p->lower_count;
+    size_t rows = (size_t)(p->row_room ? p->row_room : p->row_count);
+    size_t lower = (size_t)(p->row_room ? p->block_room / 2 : p->lower_count);
     int *place = (int *)sbi_alloc(&p->allocator, rows, 2 * sizeof(int)), made;
     p->order = sbi_precond_take_ints(p, rows);
     p->start = sbi_precond_take_ints(p, rows + 1);
@@ -129,15 +159,15 @@ SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int
     p->source = sbi_precond_take_ints(p, lower);
     p->lower = sbi_precond_take_floats(p, lower, 12);
     made = place && p->order && p->start && p->columns && p->source && p->lower;
-    if (made) {
-        sbi_precond_make_order(p, a, halved);
-        for (int k = 0; k < p->row_count; k++)
-            place[p->order[k]] = k;
-        sbi_precond_fill_rows(p, a, place);
-        made = p->kind != SB_PRECOND_IC0 || sbi_precond_make_pairs(p, place, place + rows);
-    }
+    if (made)
+        made = sbi_precond_fill_lower(p, a, halved, place, lower, 1);
     sbi_free(&p->allocator, place);
     return made;
+}
+
+SBI_API void sbi_precond_shape_lower(sb_preconditioner *p, const sb_matrix *a, int halved)
+{
+    sbi_precond_fill_lower(p, a, halved, p->scratch, 0, 0);
 }
 
 /* ---- factorisations ------------------------------------------------------------------------------------ */
@@ -205,8 +235,8 @@ SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
 
 /* Block e = (i, j) of row i, whose transposed unscaled blocks are in `row` as U_im = L_im D_m:
  * U_ij = A_ij - sum_m U_im L_jm^T, L_ij = U_ij D_j^-1, D_i -= L_ij U_ij^T. */
-SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, const float *row,
-                                            float *out_row, sbi_float4 *d)
+SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matrix *a, int e, const int *pairs,
+                                            size_t pair_count, const float *row, float *out_row, sbi_float4 *d)
 {
     const sb_real *upper = a->blocks[p->source[e]];
     sb_real scale = (sb_real)p->matrix_scale;
@@ -217,9 +247,8 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     int later = p->source[sbi_min_int(e + SBI_PRECOND_AHEAD, p->lower_count - 1)];
     SBI_PREFETCH(a->blocks[later], 0); /* blocks of a column lie in many places */
     SBI_PREFETCH(a->blocks[later], 64);
-    for (size_t k = p->pair_start[e]; k < p->pair_start[e + 1]; k++) {
-        const float *ut = row + 12 * (size_t)p->pairs[2 * k],
-                    *b = p->lower + 12 * (size_t)p->pairs[2 * k + 1];
+    for (size_t k = 0; k < pair_count; k++) {
+        const float *ut = row + 12 * (size_t)pairs[2 * k], *b = p->lower + 12 * (size_t)pairs[2 * k + 1];
         u0 = sbi_f4_sub(u0, sbi_f4_rows(sbi_f4_load(b), ut));
         u1 = sbi_f4_sub(u1, sbi_f4_rows(sbi_f4_load(b + 4), ut));
         u2 = sbi_f4_sub(u2, sbi_f4_rows(sbi_f4_load(b + 8), ut));
@@ -234,17 +263,43 @@ SBI_FORCE_INLINE void sbi_precond_eliminate(sb_preconditioner *p, const sb_matri
     }
 }
 
+/* Row k where there was no room to list the pairs: they are found again, in the same order. */
+static void sbi_precond_eliminate_unlisted(sb_preconditioner *p, const sb_matrix *a, int k, int half, float *row,
+                                           sbi_float4 *d)
+{
+    int *in_row = p->in_row + (size_t)half * (size_t)p->row_room;
+    int *found = p->found + 2 * (size_t)half * (size_t)p->longest_room, begin = p->start[k];
+    for (int e = begin; e < p->start[k + 1]; e++) {
+        int at = p->place[p->columns[e]];
+        size_t count = 0;
+        for (int b = p->start[at]; b < p->start[at + 1]; b++) {
+            if (in_row[p->columns[b]] < 0)
+                continue;
+            found[2 * count] = in_row[p->columns[b]];
+            found[2 * count++ + 1] = b;
+        }
+        sbi_precond_eliminate(p, a, e, found, count, row, row + 12 * (size_t)(e - begin), d);
+        in_row[p->columns[e]] = e - begin;
+    }
+    for (int e = begin; e < p->start[k + 1]; e++)
+        in_row[p->columns[e]] = -1;
+}
+
 /* Rows of one part of the block IC(0) of A with its diagonal times 1 + shift: node of the first bad pivot, or -1. */
 static int sbi_precond_factor_part(sb_preconditioner *p, const sb_matrix *a, int part, double shift)
 {
     float *row = p->row + 12 * (size_t)(part == 1 ? p->longest : 0); /* the halves may be at work together */
+    const size_t *at = p->pair_start;
     for (int k = p->part[part]; k < p->part[part + 1]; k++) {
         sbi_float4 d[3];
         float least[3];
         int i = p->order[k];
         sbi_precond_diagonal(p, a, i, 1 + shift, d, least);
-        for (int e = p->start[k]; e < p->start[k + 1]; e++)
-            sbi_precond_eliminate(p, a, e, row, row + 12 * (size_t)(e - p->start[k]), d);
+        if (p->unlisted)
+            sbi_precond_eliminate_unlisted(p, a, k, part == 1, row, d);
+        for (int e = p->start[k]; e < p->start[k + 1] && !p->unlisted; e++)
+            sbi_precond_eliminate(p, a, e, p->pairs + 2 * at[e], at[e + 1] - at[e], row,
+                                  row + 12 * (size_t)(e - p->start[k]), d);
         if (!sbi_precond_invert(d, least, p->inverse + 12 * (size_t)i))
             return i;
     }

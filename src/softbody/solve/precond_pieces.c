@@ -42,6 +42,35 @@ static void sbi_precond_sort_nodes(const sb_vec3 *positions, int axis, int *node
     }
 }
 
+/* Brings the first `rank` nodes along an axis before the others (Hoare 1961): what sorting does, in linear time. */
+static void sbi_precond_select(const sb_vec3 *positions, int axis, int *nodes, int count, int rank)
+{
+    int low = 0, high = count - 1;
+    for (int round = 0; low < high; round++) {
+        int pivot = nodes[low + (high - low) / 2], i = low, j = high;
+        if (round == 64) { /* an order that defeats the choice of pivots */
+            sbi_precond_sort_nodes(positions, axis, nodes + low, high - low + 1);
+            return;
+        }
+        while (i <= j) {
+            int node;
+            while (sbi_precond_before(positions, axis, nodes[i], pivot))
+                i++;
+            while (sbi_precond_before(positions, axis, pivot, nodes[j]))
+                j--;
+            if (i > j)
+                break;
+            node = nodes[i];
+            nodes[i++] = nodes[j];
+            nodes[j--] = node;
+        }
+        if (rank > j && rank < i)
+            return;
+        high = rank <= j ? j : high;
+        low = rank >= i ? i : low;
+    }
+}
+
 static int sbi_precond_longest_axis(const sb_vec3 *positions, const int *nodes, int count)
 {
     sb_real extent[3];
@@ -74,21 +103,23 @@ typedef struct sbi_piece_maker {
     int piece_count;
 } sbi_piece_maker;
 
-/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side; returns the number of
- * the next one. */
-static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece)
+/* Cuts nodes[begin, end) into `pieces` sets of equal size by halving across the longest side, each in its order along
+ * the side that was cut last (axis; -1: none was); returns the number of the next one. */
+static int sbi_piece_cut(sbi_piece_maker *m, int begin, int end, int pieces, int piece, int axis)
 {
     int left = pieces / 2, middle = begin + (int)((long long)(end - begin) * left / pieces);
     int *nodes = m->nodes + begin;
     if (pieces == 1) {
+        if (axis >= 0)
+            sbi_precond_sort_nodes(m->positions, axis, nodes, end - begin);
         for (int k = begin; k < end; k++)
             m->piece_of[m->nodes[k]] = piece;
         return piece + 1;
     }
-    sbi_precond_sort_nodes(m->positions, sbi_precond_longest_axis(m->positions, nodes, end - begin), nodes,
-                           end - begin);
-    piece = sbi_piece_cut(m, begin, middle, left, piece);
-    return sbi_piece_cut(m, middle, end, pieces - left, piece);
+    axis = sbi_precond_longest_axis(m->positions, nodes, end - begin);
+    sbi_precond_select(m->positions, axis, nodes, end - begin, middle - begin);
+    piece = sbi_piece_cut(m, begin, middle, left, piece, axis);
+    return sbi_piece_cut(m, middle, end, pieces - left, piece, axis);
 }
 
 /* Gives what hangs together with node i within its piece a fragment; returns the number of its nodes. */
@@ -222,7 +253,7 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     int rows = m->a->row_count, alone = m->a->row_end[m->nodes[begin]] - m->a->row_start[m->nodes[begin]] == 1;
     int share = (int)((2 * (long long)pieces * (end - begin) + rows) / (2 * (long long)rows)), count = 1;
     share = alone || share < 1 ? 1 : share;
-    sbi_piece_cut(m, begin, end, share, 0);
+    sbi_piece_cut(m, begin, end, share, 0, -1);
     if (alone) {
         for (int k = begin; k < end; k++)
             m->fragment_of[m->nodes[k]] = 0;
@@ -234,8 +265,8 @@ static void sbi_piece_make_part(sbi_piece_maker *m, int begin, int end, int piec
     sbi_piece_line_up(m, begin, end, count);
 }
 
-SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
-                                    const sb_allocator *allocator, int *nodes, int *piece_of)
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
+                                    sb_vec3 *centres, int *nodes, int *piece_of)
 {
     size_t rows = (size_t)a->row_count;
     sbi_piece_maker m;
@@ -244,20 +275,16 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.positions = positions;
     m.nodes = nodes;
     m.piece_of = piece_of;
-    m.fragment_of = (int *)sbi_alloc(allocator, 6 * rows + 1, sizeof(int));
-    m.centres = (sb_vec3 *)sbi_alloc(allocator, rows, sizeof(sb_vec3));
-    if (m.fragment_of && m.centres) {
-        m.list = m.fragment_of + rows;
-        m.sizes = m.list + rows;
-        m.roots = m.sizes + rows;
-        m.touching = m.roots + rows;
-        m.start = m.touching + rows;
-        memset(m.touching, 0, rows * sizeof(int));
-        memcpy(nodes, a->part_rows, rows * sizeof(int));
-        for (int c = 0; c < a->part_count; c++)
-            sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
-    }
-    sbi_free(allocator, m.fragment_of);
-    sbi_free(allocator, m.centres);
+    m.fragment_of = scratch;
+    m.list = m.fragment_of + rows;
+    m.sizes = m.list + rows;
+    m.roots = m.sizes + rows;
+    m.touching = m.roots + rows;
+    m.start = m.touching + rows;
+    m.centres = centres;
+    memset(m.touching, 0, rows * sizeof(int));
+    memcpy(nodes, a->part_rows, rows * sizeof(int));
+    for (int c = 0; c < a->part_count; c++)
+        sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
     return m.piece_count;
 }

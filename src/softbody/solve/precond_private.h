@@ -10,7 +10,7 @@
 #include "precond_fsai.h"
 
 enum {
-    SBI_PRECOND_MAX_ARRAYS = 32,
+    SBI_PRECOND_MAX_ARRAYS = 48,
     SBI_PRECOND_MAX_ATTEMPTS = 18,
     SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
                                  * factor of any positive definite one exists */
@@ -30,6 +30,7 @@ enum {
  * or next to it. */
 typedef struct sbi_precond_coarse {
     int piece_count, size; /* size = 6 piece_count */
+    int piece_room;        /* of a matrix that follows: pieces that there is memory for; otherwise 0 */
     int ready;             /* 1: it has values */
     int *piece_start;      /* [piece_count + 1] into piece_nodes */
     int *piece_nodes;      /* [row_count] nodes by piece */
@@ -59,6 +60,14 @@ struct sb_preconditioner {
     int row_count, block_count, lower_count;
     uint64_t pattern_hash;
     unsigned pattern_version; /* see sbi_matrix_version */
+    /* of a matrix that follows: the arrays are for as many rows and blocks as it has room for, and what depends on the
+     * pattern is made anew by the first update after a change, from matrix and rest shape alone */
+    int row_room, block_room, longest_room; /* 0: the matrix does not follow */
+    int stale;            /* 1: the pattern has changed since */
+    int wanted_pieces;    /* of the def */
+    const sb_vec3 *rest;  /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
+    int *scratch;         /* [8 row_room + block_room + 1] */
+    sb_vec3 *centres;     /* [row_room] */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -74,9 +83,14 @@ struct sb_preconditioner {
     /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
      * (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
-    int *pairs;         /* [pairs][2] */
+    int *pairs;         /* [pair_room][2] */
+    size_t pair_room;
+    int unlisted;       /* 1: there is no room for the pairs; they are found again by each update */
+    int *place;         /* [row_room] of each node in the order, of a matrix that follows */
+    int *in_row;        /* [2][row_room] -1 between rows; of each half, in such a one */
+    int *found;         /* [2][2 longest_room] pairs of the block at work in each half */
     int longest;        /* blocks of the longest row */
-    float *row;         /* [2][longest][12] transposed blocks of the rows at work, one in each half */
+    float *row;         /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
     int bad[2];         /* node of the first bad pivot of each half, or -1 */
     int relaxing;       /* 1: the update at work tries a lower shift */
     double trial;       /* its shift */
@@ -140,6 +154,8 @@ SBI_API double sbi_precond_power(double size);
 
 /* Takes the memory of L; halved: in two halves where that leaves few nodes between them. 0 when there is none. */
 SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
+/* L for the present pattern of a matrix that follows. */
+SBI_API void sbi_precond_shape_lower(sb_preconditioner *p, const sb_matrix *a, int halved);
 /* inverse = D^-1 of A's diagonal blocks: node of one that is not positive definite, or -1. */
 SBI_API int sbi_precond_invert_diagonals(sb_preconditioner *p, const sb_matrix *a);
 /* L of SSOR, after the diagonals */
@@ -160,15 +176,19 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 /* ---- precond_pieces ---- */
 
 /* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
- * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces; 0:
- * no memory. */
-SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces,
-                                    const sb_allocator *allocator, int *nodes, int *piece_of);
+ * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces.
+ * scratch [6 row_count + 1], centres [row_count]: scratch. */
+SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
+                                    sb_vec3 *centres, int *nodes, int *piece_of);
 
 /* ---- precond_coarse ---- */
 
 /* Cuts the nodes into some `pieces` and takes the memory of their motions; 0 when there is none. */
 SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions, int pieces);
+/* Takes the memory for a matrix that follows and has room for so many pieces' rows; 0 when there is none. */
+SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces);
+/* Pieces of the present pattern of such a matrix; pieces 0: none. */
+SBI_API void sbi_precond_shape_coarse(sb_preconditioner *p, const sb_matrix *a, int pieces);
 /* Z^T A Z and A Z at positions[row_count], or where they were (NULL), and what is done beside, unless NULL. */
 SBI_API void sbi_precond_update_coarse(sb_preconditioner *p, const sb_matrix *a, const sb_vec3 *positions,
                                        const sbi_precond_beside *beside);

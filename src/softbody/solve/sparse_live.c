@@ -338,21 +338,39 @@ static void sbi_live_merge_keys(sbi_matrix_live *live)
     live->key_count = count;
 }
 
+/* Room for so many keys; 0: no memory. */
+static int sbi_live_take_keys(sb_matrix *matrix, size_t most)
+{
+    sbi_matrix_live *live = matrix->live;
+    sbi_live_key *keys;
+    int capacity;
+    if (most <= (size_t)live->key_capacity)
+        return 1;
+    capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
+    keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
+    if (!keys)
+        return 0;
+    sbi_free(&matrix->allocator, live->keys);
+    live->keys = keys;
+    live->key_capacity = capacity;
+    return 1;
+}
+
+SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
+{
+    return sbi_live_take_keys(matrix, (size_t)couplings)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d new couplings", couplings);
+}
+
 /* Fills the plan; 0: no memory. */
 static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
 {
     sbi_matrix_live *live = matrix->live;
     int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
     size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
-    if (most > (size_t)live->key_capacity) {
-        int capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
-        sbi_live_key *keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
-        if (!keys)
-            return 0;
-        sbi_free(&matrix->allocator, live->keys);
-        live->keys = keys;
-        live->key_capacity = capacity;
-    }
+    if (!sbi_live_take_keys(matrix, most))
+        return 0;
     live->key_count = 0;
     for (int c = 0; c < cells; c++) {
         const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
@@ -369,13 +387,14 @@ static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const
 /* Places that the plan takes at the pool's end at most. */
 static size_t sbi_live_planned_places(const sb_matrix *matrix, int row_count)
 {
-    const sbi_matrix_live *live = matrix->live;
+    sbi_matrix_live *live = matrix->live;
     size_t places = SBI_LIVE_PIECE * (size_t)sbi_max_int(0, row_count - matrix->row_count);
     for (int k = 0, next; k < live->key_count; k = next) {
         int i = live->keys[k].row, is_new = i >= matrix->row_count;
         int length = is_new ? 1 : matrix->row_end[i] - matrix->row_start[i];
         for (next = k; next < live->key_count && live->keys[next].row == i; next++)
             length++;
+        live->longest = sbi_max_int(live->longest, length);
         if (is_new || length > live->room[i])
             places += (size_t)sbi_live_piece_places(length);
     }
@@ -726,8 +745,10 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     }
     sbi_live_copy_rows(matrix, NULL, &made, live);
     sbi_live_copy_pool(matrix, &made);
-    for (int i = 0; i < matrix->row_count; i++)
+    for (int i = 0; i < matrix->row_count; i++) {
         live->room[i] = made.row_end[i] - made.row_start[i];
+        live->longest = sbi_max_int(live->longest, live->room[i]);
+    }
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             live->part_of[matrix->part_rows[k]] = c;

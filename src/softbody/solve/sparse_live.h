@@ -53,6 +53,7 @@ typedef struct sbi_matrix_live {
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
     int pack;                /* 1: rows are pushed together first */
+    int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
 } sbi_matrix_live;
 
@@ -70,6 +71,8 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
 /* Memory to follow a change; change or others may be NULL. SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *change,
                                      const sbi_matrix_couplings *others, sb_error *error);
+/* Memory for changes with so many new couplings, both ways. */
+SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
  * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);

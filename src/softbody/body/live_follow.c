@@ -1,0 +1,462 @@
+/* live_follow: a change made on the body in place, at the cost of what changed.
+ *
+ * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to live_build.c,
+ * which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes, chunks and
+ * preconditioner depend on the mesh alone. */
+#include "live_change.h"
+
+#include <string.h>
+
+#include "../fem/assembly_live.h"
+
+typedef struct sbi_live_following {
+    sb_body *body;
+    sb_body_change *change;
+    const sbi_change_lists *lists;
+    const sb_mesh_change *out;
+    int old_nodes, old_cells; /* ends before */
+    sbi_live_balance velocity, acceleration;
+    int first;                /* see sbi_live_first_changed */
+} sbi_live_following;
+
+/* ---- whether it can be done here ---- */
+
+/* Calls with the nodes of all cells that go, come or change shape. */
+typedef void sbi_live_each(sbi_live_following *work, int node, int by);
+static void sbi_live_each_node(sbi_live_following *work, sbi_live_each *each)
+{
+    const sb_mesh_change *out = work->out;
+    for (int k = 0; k < 4 * out->removed_cell_count; k++)
+        each(work, out->removed_cell_nodes[k], -1);
+    for (int k = 0; k < 4 * out->made_cell_count; k++)
+        each(work, out->made_cell_nodes[k], 1);
+    for (int k = 0; k < 4 * out->reshaped_cell_count; k++)
+        each(work, work->body->domain.cells[4 * (size_t)out->reshaped_cells[k / 4] + (size_t)(k % 4)], 0);
+}
+
+static void sbi_live_mark_node(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    work->body->live->node_marks[node] = 1;
+}
+
+static void sbi_live_unmark_node(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    work->body->live->node_marks[node] = 0;
+}
+
+/* 1 when a row of a load has a node that goes or moves, or nodes of changed cells only: it may be in one. */
+static int sbi_live_row_is_touched(const sbi_live_following *work, const sbi_load *load, int row)
+{
+    const int *marks = work->body->live->node_marks;
+    int all = 1;
+    for (int k = load->row_start[row]; k < load->row_start[row + 1]; k++) {
+        all &= marks[load->nodes[k]] != 0;
+        if (marks[load->nodes[k]] == 2)
+            return 1;
+    }
+    return all && load->kind != SBI_LOAD_SPRINGS;
+}
+
+static int sbi_live_loads_are_touched(sbi_live_following *work)
+{
+    const sb_body *body = work->body;
+    const sb_mesh_change *out = work->out;
+    int touched = 0;
+    if (!body->load_count)
+        return 0;
+    sbi_live_each_node(work, sbi_live_mark_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        body->live->node_marks[out->removed_nodes[i]] = 2;
+    for (int i = 0; i < out->moved_node_count; i++)
+        body->live->node_marks[out->moved_nodes[i]] = 2;
+    for (int l = 0; l < body->load_count && !touched; l++)
+        for (int j = 0; j < body->loads[l].row_count && !touched; j++)
+            touched = sbi_live_row_is_touched(work, body->loads + l, j);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        body->live->node_marks[out->removed_nodes[i]] = 0;
+    for (int i = 0; i < out->moved_node_count; i++)
+        body->live->node_marks[out->moved_nodes[i]] = 0;
+    return touched;
+}
+
+/* What of the body decides. */
+static int sbi_live_body_fits(const sb_body *body, const sb_body_change *change)
+{
+    return sbi_live_follows(body) && !body->elimination && !body->extra_count && !body->tie_count &&
+           change->nodes.capacity == body->live->nodes.capacity &&
+           change->cells.capacity == body->live->cells.capacity && change->nodes.end > 0 && change->cells.end > 0 &&
+           change->cells.fresh > change->cells.count;
+}
+
+static int sbi_live_count_cells_of(const sb_body *body, int node)
+{
+    int count = 0;
+    if (node >= body->domain.node_count)
+        return 0;
+    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
+        count++;
+    return count;
+}
+
+static void sbi_live_count_node(sbi_live_following *work, int node, int by)
+{
+    work->body->live->node_marks[node] += by;
+}
+
+static void sbi_live_count_gone(sbi_live_following *work, int node, int by)
+{
+    work->body->live->node_marks[node] += by < 0;
+}
+
+/* 1 when nodes that go lose all of their cells. Marks are 0 after it. */
+static int sbi_live_leave_all(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    int good = 1;
+    sbi_live_each_node(work, sbi_live_count_gone);
+    for (int i = 0; i < out->removed_node_count && good; i++)
+        good = work->body->live->node_marks[out->removed_nodes[i]] ==
+               sbi_live_count_cells_of(work->body, out->removed_nodes[i]);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    return good;
+}
+
+/* 1 when all other nodes of changed cells, and all made ones, have a cell afterwards. */
+static int sbi_live_keep_some(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body *body = work->body;
+    const int *marks = body->live->node_marks;
+    int good = 1;
+    sbi_live_each_node(work, sbi_live_count_node);
+    for (int k = 0; k < 4 * out->removed_cell_count && good; k++) {
+        int node = out->removed_cell_nodes[k];
+        good = !sbi_slots_is_used(&work->change->nodes, node) ||
+               sbi_live_count_cells_of(body, node) + marks[node] > 0;
+    }
+    for (int i = 0; i < out->made_node_count && good; i++)
+        good = sbi_live_count_cells_of(body, out->made_nodes[i]) + marks[out->made_nodes[i]] > 0;
+    sbi_live_each_node(work, sbi_live_unmark_node);
+    return good;
+}
+
+/* The rest shape to come: node_marks hold 1 + the index of made nodes, and -1 - that of moved ones. */
+static void sbi_live_mark_places(const sbi_live_following *work, int on)
+{
+    const sb_mesh_change *out = work->out;
+    int *marks = work->body->live->node_marks;
+    for (int i = 0; i < out->made_node_count; i++)
+        marks[out->made_nodes[i]] = on ? 1 + i : 0;
+    for (int i = 0; i < out->moved_node_count; i++)
+        marks[out->moved_nodes[i]] = on ? -1 - i : 0;
+}
+
+static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
+{
+    int mark = work->body->live->node_marks[node];
+    const sb_body_change *change = work->change;
+    if (mark > 0)
+        return change->made_nodes.items[change->node_at[node] - 1].position;
+    return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
+}
+
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes)
+{
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = sbi_live_place(work, nodes[a]);
+    return sbi_domain_is_upright(&work->body->domain, x);
+}
+
+/* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
+static int sbi_live_cells_are_good(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    int good = 1;
+    for (int k = 0; k < out->made_cell_count && good; k++) {
+        const int *n = out->made_cell_nodes + 4 * (size_t)k;
+        for (int a = 0; a < 4; a++)
+            good &= sbi_slots_is_used(&work->change->nodes, n[a]);
+        good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
+        good = good && sbi_live_cell_is_upright(work, n);
+    }
+    for (int k = 0; k < out->reshaped_cell_count && good; k++)
+        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k]);
+    return good;
+}
+
+static int sbi_live_change_fits(sbi_live_following *work)
+{
+    int good;
+    sbi_live_mark_places(work, 1);
+    good = sbi_live_cells_are_good(work); /* corners are in range after it */
+    sbi_live_mark_places(work, 0);
+    return good && sbi_live_leave_all(work) && sbi_live_keep_some(work) &&
+           sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
+           !sbi_live_loads_are_touched(work);
+}
+
+/* ---- memory ---- */
+
+/* Room for what the rooms will have. 0: some array is too small. */
+static int sbi_live_reserve(sbi_live_following *work, sb_result *result, sb_error *error)
+{
+    sb_body *body = work->body;
+    int blocks = sbi_matrix_capacity(&body->matrix), supports;
+    *result = sbi_matrix_reserve(&body->matrix, work->out, NULL, error);
+    if (*result != SB_OK)
+        return 1;
+    if (sbi_matrix_capacity(&body->matrix) != blocks || !sbi_precond_reserve(body->precond, &body->matrix))
+        return 0;
+    *result = sbi_domain_reserve(&body->domain, work->out, error);
+    if (*result == SB_OK)
+        *result = sbi_assembly_reserve(&body->assembly, &body->matrix, work->out, error);
+    supports = body->support_used + body->matrix.live->key_count + work->out->made_node_count;
+    if (*result == SB_OK && body->support_used && sbi_body_reserve_support_blocks(body, supports) != SB_OK)
+        *result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d blocks of supports", supports);
+    return 1;
+}
+
+/* ---- what is read before anything changes ---- */
+
+static void sbi_live_read_motions(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sbi_live_motion *motions = work->lists->motions;
+    for (int i = 0; i < out->made_node_count; i++)
+        motions[i] = sbi_live_made_motion(work->body, out, i);
+    for (int i = 0; i < out->moved_node_count; i++)
+        motions[out->made_node_count + i] = sbi_live_moved_motion(work->body, out, i);
+    for (int i = 0; i < out->removed_node_count; i++)
+        work->lists->forces[i] = work->body->dead_load[out->removed_nodes[i]];
+}
+
+/* Where a node will be in space. */
+static sb_vec3 sbi_live_position(const sbi_live_following *work, int node)
+{
+    int mark = work->body->live->node_marks[node];
+    const sbi_live_motion *motion =
+        mark > 0 ? work->lists->motions + mark - 1 : work->lists->motions + work->out->made_node_count - 1 - mark;
+    sb_vec3 u = mark == 0 || motion->node < 0 ? work->body->displacement[node] : motion->displacement;
+    return sb_v3_add(sbi_live_place(work, node), u);
+}
+
+static void sbi_live_read_momentum(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body *body = work->body;
+    int node = -1;
+    sb_vec3 about;
+    work->first = sbi_live_first_changed(out);
+    if (work->first < 0)
+        return;
+    for (int k = 0; k < out->made_cell_count && node < 0; k++)
+        if (out->made_cells[k] == work->first)
+            node = out->made_cell_nodes[4 * (size_t)k];
+    node = node < 0 ? body->domain.cells[4 * (size_t)work->first] : node;
+    sbi_live_mark_places(work, 1);
+    about = sbi_live_position(work, node);
+    sbi_live_mark_places(work, 0);
+    work->velocity = sbi_live_weigh(body, out, about, body->velocity);
+    if (body->acceleration_known)
+        work->acceleration = sbi_live_weigh(body, out, about, body->acceleration);
+}
+
+/* ---- following ---- */
+
+/* A slot of a node without anything. */
+static void sbi_live_blank_node(sb_body *body, int node)
+{
+    sb_vec3 *carried[SBI_LIVE_CARRIED];
+    sbi_live_list_carried(body, carried);
+    for (int k = 0; k < SBI_LIVE_CARRIED; k++)
+        carried[k][node] = sb_v3(0, 0, 0);
+    body->reference[node] = body->position[node] = sb_v3(0, 0, 0);
+    body->lumped_mass[node] = body->load_mass[node] = 0;
+    body->fixed[node] = SB_XYZ;
+    body->node_component[node] = -1;
+}
+
+static void sbi_live_put_motion(sb_body *body, const sbi_live_motion *motion)
+{
+    body->displacement[motion->node] = motion->displacement;
+    body->velocity[motion->node] = motion->velocity;
+    body->acceleration[motion->node] = motion->acceleration;
+    body->target[motion->node] = motion->target;
+    body->fixed[motion->node] = motion->fixed;
+}
+
+/* Shape, motion, supports and dead loads by node. */
+static void sbi_live_follow_nodes_of_body(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sb_body_change *change = work->change;
+    const sbi_live_motion *motions = work->lists->motions;
+    sb_body *body = work->body;
+    for (int i = work->old_nodes; i < out->node_end; i++)
+        sbi_live_blank_node(body, i);
+    for (int i = 0; i < out->removed_node_count; i++)
+        sbi_live_blank_node(body, out->removed_nodes[i]);
+    for (int i = 0; i < out->made_node_count; i++) {
+        int node = out->made_nodes[i];
+        sbi_live_blank_node(body, node);
+        sbi_live_put_motion(body, motions + i);
+        body->reference[node] = change->made_nodes.items[change->node_at[node] - 1].position;
+        body->position[node] = sb_v3_add(body->reference[node], body->displacement[node]);
+    }
+    for (int i = 0; i < out->moved_node_count; i++) {
+        int node = out->moved_nodes[i];
+        if (motions[out->made_node_count + i].node >= 0)
+            sbi_live_put_motion(body, motions + out->made_node_count + i);
+        body->reference[node] = change->moved_nodes.items[i].position;
+        body->position[node] = sb_v3_add(body->reference[node], body->displacement[node]);
+    }
+    for (int i = 0; i < out->removed_node_count; i++)
+        for (int k = out->heir_start[i]; k < out->heir_start[i + 1]; k++) {
+            sb_vec3 force = work->lists->forces[i], *load = body->dead_load + out->heirs[k];
+            if (force.x != 0 || force.y != 0 || force.z != 0)
+                *load = sb_v3_madd(*load, out->heir_weights[k], force);
+        }
+}
+
+/* Shares, regions and fibres by cell; slots. */
+static void sbi_live_follow_cells_of_body(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body_change *change = work->change;
+    sb_body *body = work->body;
+    sbi_live *live = body->live;
+    sbi_slots slots;
+    for (int e = work->old_cells; e < out->cell_end; e++) {
+        live->shares[e] = 0;
+        body->cell_material[e] = 0;
+        if (body->fibres)
+            body->fibres[e] = sb_v3(0, 0, 0);
+    }
+    for (int i = 0; i < out->removed_cell_count; i++) {
+        live->shares[out->removed_cells[i]] = 0;
+        body->cell_material[out->removed_cells[i]] = 0;
+    }
+    for (int i = 0; i < change->made_cells.count; i++) {
+        const sbi_changed_cell *cell = change->made_cells.items + i;
+        if (cell->dropped)
+            continue;
+        live->shares[cell->cell] = cell->share;
+        body->cell_material[cell->cell] = cell->material;
+        if (body->fibres)
+            body->fibres[cell->cell] = cell->fibre;
+    }
+    slots = live->nodes, live->nodes = change->nodes, change->nodes = slots;
+    slots = live->cells, live->cells = change->cells, change->cells = slots;
+}
+
+/* Nodes that were in no cell and are now are free to move. */
+static void sbi_live_wake_node(sbi_live_following *work, int node, int by)
+{
+    sb_body *body = work->body;
+    if (by > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
+        !work->change->node_at[node])
+        body->fixed[node] = 0;
+}
+
+static void sbi_live_sum_node_of(sbi_live_following *work, int node, int by)
+{
+    (void)by;
+    if (node >= work->body->domain.node_count || work->body->live->node_marks[node])
+        return;
+    work->body->live->node_marks[node] = 1;
+    sbi_body_sum_node_mass(work->body, node);
+}
+
+static void sbi_live_follow_masses(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    if (body->mass_blocks) { /* they are in other places */
+        sbi_body_update_mass(body);
+        return;
+    }
+    for (int i = 0; i < out->made_cell_count; i++)
+        sbi_body_weigh_cell(body, out->made_cells[i]);
+    for (int i = 0; i < out->reshaped_cell_count; i++)
+        sbi_body_weigh_cell(body, out->reshaped_cells[i]);
+    sbi_live_each_node(work, sbi_live_sum_node_of);
+    sbi_live_each_node(work, sbi_live_unmark_node);
+}
+
+/* Blocks in the rows of supports. */
+static void sbi_live_count_supports(sb_body *body)
+{
+    body->support_used = 0;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            body->support_used += body->matrix.row_end[i] - body->matrix.row_start[i];
+}
+
+/* Rotations and memory of cells made without a parent. */
+static void sbi_live_forget(sb_body *body, const sb_mesh_change *out)
+{
+    int forgot = 0;
+    for (int i = 0; i < out->made_cell_count; i++)
+        if (out->made_parents[i] < 0) {
+            sbi_assembly_forget_cell(&body->assembly, out->made_cells[i], body->displacement);
+            forgot = 1;
+        }
+    if (forgot)
+        sbi_assembly_begin_step(&body->assembly, 0);
+}
+
+static void sbi_live_follow_all(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    sbi_live_follow_nodes_of_body(work);
+    sbi_live_follow_cells_of_body(work);
+    sbi_domain_follow(&body->domain, out, body->reference);
+    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_assembly_follow(&body->assembly, &body->matrix, out);
+    sbi_live_each_node(work, sbi_live_wake_node);
+    sbi_body_label_nodes(body);
+    sbi_live_count_supports(body);
+    sbi_live_follow_masses(work);
+    sbi_precond_follow(body->precond, &body->matrix, body->reference);
+    body->pcg.row_count = body->domain.node_count;
+    body->force_unit = body->assembly.energy_unit / sbi_body_size(body);
+    body->force_current = 0;
+    memset(&body->guard, 0, sizeof body->guard);
+    body->pattern_version++;
+    body->live->version++;
+    sbi_live_forget(body, out);
+    if (work->first < 0)
+        return;
+    sbi_live_keep_momentum(body, out, &work->velocity, body->velocity);
+    if (body->acceleration_known)
+        sbi_live_keep_momentum(body, out, &work->acceleration, body->acceleration);
+}
+
+SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
+                            sb_result *result, sb_error *error)
+{
+    sbi_live_following work;
+    memset(&work, 0, sizeof work);
+    work.body = change->body;
+    work.change = change;
+    work.lists = lists;
+    work.out = out;
+    work.old_nodes = work.body->domain.node_count;
+    work.old_cells = work.body->domain.cell_count;
+    if (!sbi_live_body_fits(work.body, change) || !sbi_live_change_fits(&work) ||
+        !sbi_live_reserve(&work, result, error))
+        return 0;
+    if (*result == SB_OK)
+        *result = sbi_live_ask_listeners(work.body, out, error);
+    if (*result != SB_OK)
+        return 1;
+    sbi_live_read_motions(&work);
+    sbi_live_read_momentum(&work);
+    sbi_live_follow_all(&work);
+    return 1;
+}
