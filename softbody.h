@@ -51984,9 +51984,10 @@ static void sbi_live_push_node(sb_body *next, int node, void *user)
 static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], const double angular[3],
                                  sbi_live_rigid *rigid)
 {
-    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0;
+    double centre[3], inertia[3][3], left[3], m = rigid->mass, trace = 0, whole = 0;
     for (int i = 0; i < 3; i++) {
         centre[i] = rigid->first[i] / m;
+        whole += rigid->second[i][i];
         trace += rigid->second[i][i] - m * centre[i] * centre[i];
     }
     for (int i = 0; i < 3; i++) {
@@ -51994,7 +51995,8 @@ static void sbi_live_solve_rigid(const sb_body *next, const double linear[3], co
         for (int j = 0; j < 3; j++)
             inertia[i][j] = (i == j ? trace : 0) - (rigid->second[i][j] - m * centre[i] * centre[j]);
     }
-    if (next->mass_blocks || !sbi_live_solve3((const double(*)[3])inertia, left, rigid->spin))
+    if (next->mass_blocks || !(trace > 1e-10 * whole) || /* of one node it is rounding */
+        !sbi_live_solve3((const double(*)[3])inertia, left, rigid->spin))
         memset(rigid->spin, 0, sizeof rigid->spin);
     for (int i = 0; i < 3; i++)
         rigid->velocity[i] = linear[i] / m - (rigid->spin[(i + 1) % 3] * centre[(i + 2) % 3] -
