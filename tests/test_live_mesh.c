@@ -1100,6 +1100,37 @@ static void test_slide_momentum(void)
     sb_mesh_free(&mesh);
 }
 
+/* One free node among held ones takes the momentum of its cells: it has no axis to spin about. */
+static void test_slide_alone(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    unsigned long long seed = 47;
+    int slid = 0;
+    for (int free_node = 0; free_node < mesh.node_count; free_node++) {
+        sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_NEWMARK);
+        sb_body *body = scene_body(&def);
+        int *all = (int *)malloc((size_t)mesh.node_count * sizeof *all), node;
+        sb_error error;
+        set_in_motion(body);
+        for (int i = 0; i < mesh.node_count; i++)
+            all[i] = i;
+        CHECK_OK(sb_body_fix_nodes(body, all, mesh.node_count, SB_XYZ));
+        CHECK_OK(sb_body_release_nodes(body, &free_node, 1, SB_XYZ));
+        for (int k = 0; k < 3; k++) {
+            double speed = (double)sb_v3_norm(sb_body_velocities(body)[free_node]), most = 0;
+            slid += slide(body, &seed, &node, &error) == SB_OK;
+            for (int i = 0; i < mesh.node_count; i++)
+                most = fmax(most, (double)sb_v3_norm(sb_body_velocities(body)[i]));
+            CHECK(all_finite(body));
+            CHECK(most < 100 * (speed + 1));
+        }
+        free(all);
+        sb_body_destroy(body);
+    }
+    CHECK(slid > mesh.node_count);
+    sb_mesh_free(&mesh);
+}
+
 /* Along axes that a moved node alone is supported along it keeps its motion; where its sources are, too, targets mix. */
 static void test_slide_supports(void)
 {
@@ -1406,4 +1437,5 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse or
             {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
             {"every allocation of a plain body fails", test_memory_in_place},
             {"iterations after changes", test_iterations}, {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
+            {"a slide of one free node", test_slide_alone},
             {"supports of slides", test_slide_supports}, {"calls and recordings of slides", test_slide_calls});
