@@ -11657,7 +11657,7 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
 
 static size_t ndli_undo_size(const struct ndli_site *site)
 {
-    size_t sum = ndli_undo_aligned(sb_body_state_size(site->body)) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body)) +
                  ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
@@ -11682,7 +11682,7 @@ static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
 
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
-    size_t sum = ndli_undo_aligned(sb_body_state_size(site->body) / 4 * 5) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
                  ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
                  ndli_undo_needle_size(more, more->rod->capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -11714,10 +11714,9 @@ NDLI_API int ndli_needle_keep(struct ndli_site *site)
     unsigned char *at;
     if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
         return 0;
-    site->undo_body = sb_body_state_size(site->body);
+    site->undo_body = sbi_body_snapshot_size(site->body);
     at = site->undo + ndli_undo_aligned(site->undo_body);
-    if (sb_body_state_save(site->body, site->undo, site->undo_body) != SB_OK)
-        return 0;
+    sbi_body_snapshot(site->body, site->undo);
     ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -11734,7 +11733,7 @@ NDLI_API void ndli_needle_undo(struct ndli_site *site)
 {
     unsigned char *at = site->undo;
     ndli_remesh_set_own(site->remesh, 1);
-    (void)sb_body_state_load(site->body, at, site->undo_body, NULL);
+    (void)sbi_body_rewind(site->body, at, site->undo_body, NULL);
     ndli_remesh_set_own(site->remesh, 0);
     at += ndli_undo_aligned(site->undo_body);
     ndli_remesh_rewind(site->remesh, at);
