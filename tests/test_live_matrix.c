@@ -406,7 +406,7 @@ static void rooms_live(rooms *r, const live_mesh *m, double slack, int viscous, 
         } else {
             memset(gradients, 0, 12 * sizeof(sb_real));
             r->domain.weights[e] = 0;
-            memset(r->domain.cells + 4 * e, 255, sizeof m->cells[e]);
+            memset(r->domain.cells + 4 * e, 0, sizeof m->cells[e]);
         }
     }
     r->matrix = live_matrix(m, slack, NULL);
