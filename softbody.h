@@ -51786,7 +51786,7 @@ static void sbi_live_set_motion(sb_body *next, const sbi_live_motion *motion)
     next->velocity[motion->node] = motion->velocity;
     next->acceleration[motion->node] = motion->acceleration;
     next->target[motion->node] = motion->target;
-    next->fixed[motion->node] = (unsigned char)(next->node_component[motion->node] < 0 ? SB_XYZ : motion->fixed);
+    next->fixed[motion->node] = (unsigned char)(next->node_component[motion->node] < 0 ? (int)SB_XYZ : motion->fixed);
 }
 
 /* Nodes that stay keep all; made ones follow their sources; forces on removed ones go to their heirs. */
