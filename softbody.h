@@ -4762,7 +4762,8 @@ SB_API const char *sb_check_string(unsigned warning);
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
  * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
- *   (SB_ERROR_STATE); an embedding does not know of the change. Both are made anew, an embedding from sb_body_get_mesh.
+ *   (SB_ERROR_STATE); an embedding does not know of the change, and its points are wrong. Both are made anew, an embedding
+ *   from sb_body_get_mesh, whose numbers its node positions then have.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
  * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
@@ -61155,13 +61156,11 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!sbi_body_is_heard(body))
-        return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
     command.bytes = bytes;
     command.byte_count = size;
-    body->observe(body->observer, &command);
+    sbi_body_tell_command(body, &command);
 }
 
 /* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose

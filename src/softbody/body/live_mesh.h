@@ -30,7 +30,8 @@
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
  * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
- *   (SB_ERROR_STATE); an embedding does not know of the change. Both are made anew, an embedding from sb_body_get_mesh.
+ *   (SB_ERROR_STATE); an embedding does not know of the change, and its points are wrong. Both are made anew, an embedding
+ *   from sb_body_get_mesh, whose numbers its node positions then have.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
  * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from

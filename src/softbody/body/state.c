@@ -1359,13 +1359,11 @@ SBI_API void sbi_body_snapshot(const sb_body *body, void *buffer)
 static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t size)
 {
     sbi_command command;
-    if (!sbi_body_is_heard(body))
-        return;
     memset(&command, 0, sizeof command);
     command.code = SBI_COMMAND_STATE;
     command.bytes = bytes;
     command.byte_count = size;
-    body->observe(body->observer, &command);
+    sbi_body_tell_command(body, &command);
 }
 
 /* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
