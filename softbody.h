@@ -45731,6 +45731,8 @@ typedef struct sbi_slots {
 
 SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
 SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
+/* The same slots, in arrays with room for them. */
+SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from);
 SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator);
 /* The next slot, which is used then; -1: full. */
 SBI_API int sbi_slots_take(sbi_slots *slots);
@@ -49454,15 +49456,20 @@ SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_
     return 1;
 }
 
-SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from)
 {
-    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
-        return 0;
     to->end = from->end;
     to->fresh = from->fresh;
     to->count = from->count;
     memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
     memcpy(to->used, from->used, (size_t)from->capacity);
+}
+
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
+        return 0;
+    sbi_slots_assign(to, from);
     return 1;
 }
 
@@ -50516,11 +50523,7 @@ static int sbi_change_copy_slots(sb_body_change *change, sbi_slots *to, const sb
 {
     const sb_allocator *allocator = &change->body->allocator;
     if (to->capacity == from->capacity && *index) {
-        to->end = from->end;
-        to->fresh = from->fresh;
-        to->count = from->count;
-        memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
-        memcpy(to->used, from->used, (size_t)from->capacity);
+        sbi_slots_assign(to, from);
         return 1;
     }
     sbi_slots_free(to, allocator);

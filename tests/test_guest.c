@@ -6,6 +6,7 @@
 
 #include "check.h"
 #include "scene.h"
+#include "dense_double.h"
 #include "tet_beam.h"
 
 /* ---- guests of dense matrices ---------------------------------------------------------------------------- */
@@ -44,39 +45,10 @@ static void dense_multiply(void *user, const double *x, double *y)
         y[d->width / 2] = (double)NAN;
 }
 
-static int cholesky(double *m, int n)
-{
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = m[i * n + j];
-            for (int k = 0; k < j; k++)
-                sum -= m[i * n + k] * m[j * n + k];
-            if (i == j && !(sum > 0))
-                return 0;
-            m[i * n + j] = i == j ? sqrt(sum) : sum / m[j * n + j];
-        }
-    return 1;
-}
-
-static void cholesky_solve(const double *m, int n, const double *b, double *x)
-{
-    for (int i = 0; i < n; i++) {
-        x[i] = b[i];
-        for (int k = 0; k < i; k++)
-            x[i] -= m[i * n + k] * x[k];
-        x[i] /= m[i * n + i];
-    }
-    for (int i = n; i-- > 0;) {
-        for (int k = i + 1; k < n; k++)
-            x[i] -= m[k * n + i] * x[k];
-        x[i] /= m[i * n + i];
-    }
-}
-
 static void dense_precondition(void *user, const double *r, double *z)
 {
     const dense_guest *d = (const dense_guest *)user;
-    cholesky_solve(d->block, d->size, r, z);
+    dense_solve(d->block, d->size, r, z);
 }
 
 static dense_guest *dense_make(int unknowns, int node_count, const int *nodes, int taken)
@@ -120,7 +92,7 @@ static int dense_factor_block(dense_guest *d, const sb_matrix *a)
     for (int i = own; i < d->size; i++) /* prescribed components */
         for (int k = 0; k < d->size && (a->fixed[d->nodes[(i - own) / 3]] >> (i - own) % 3 & 1); k++)
             d->block[i * d->size + k] = d->block[k * d->size + i] = i == k;
-    return cholesky(d->block, d->size);
+    return dense_factor(d->block, d->size);
 }
 
 static void dense_free(dense_guest *d)
@@ -338,8 +310,8 @@ static double *joint_solution(const beam *b, dense_guest *const *guests, int cou
         at += d->guest.unknown_count;
         free(place);
     }
-    CHECK(cholesky(m, n));
-    cholesky_solve(m, n, rhs, x);
+    CHECK(dense_factor(m, n));
+    dense_solve(m, n, rhs, x);
     free(m);
     free(rhs);
     return x;

@@ -3,6 +3,7 @@
 #include "softbody.h"
 
 #include "check.h"
+#include "dense_double.h"
 #include "tet_beam.h"
 
 /* ---- helpers ---- */
@@ -20,41 +21,13 @@ static double *dense_of(const sb_matrix *a)
     return dense;
 }
 
-/* Cholesky in place of the lower triangle; 0 when the matrix is not positive definite. */
-static int dense_factor(double *m, int n)
-{
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = m[i * n + j];
-            for (int k = 0; k < j; k++)
-                sum -= m[i * n + k] * m[j * n + k];
-            if (i == j && !(sum > 0))
-                return 0;
-            m[i * n + j] = i == j ? sqrt(sum) : sum / m[j * n + j];
-        }
-    return 1;
-}
-
-static void dense_solve(const double *m, int n, const sb_real *rhs, double *x)
-{
-    for (int i = 0; i < n; i++) {
-        x[i] = (double)rhs[i];
-        for (int k = 0; k < i; k++)
-            x[i] -= m[i * n + k] * x[k];
-        x[i] /= m[i * n + i];
-    }
-    for (int i = n; i-- > 0;) {
-        for (int k = i + 1; k < n; k++)
-            x[i] -= m[k * n + i] * x[k];
-        x[i] /= m[i * n + i];
-    }
-}
-
 static double *exact_solution(const sb_matrix *a, const sb_real *rhs)
 {
     double *m = dense_of(a), *x = (double *)malloc(sizeof(double) * 3 * (size_t)a->row_count);
     CHECK(dense_factor(m, 3 * a->row_count));
-    dense_solve(m, 3 * a->row_count, rhs, x);
+    for (int i = 0; i < 3 * a->row_count; i++)
+        x[i] = (double)rhs[i];
+    dense_solve(m, 3 * a->row_count, x, x);
     free(m);
     return x;
 }
@@ -214,8 +187,10 @@ static void check_splitting(const sb_matrix *a, sb_precond_kind kind, double rel
                 full[i * n + j] += t[i * n + k] * t[j * n + k];
     for (int i = 0; i < n; i++)
         r[i] = (sb_real)check_random_in(&seed, -1, 1);
+    for (int i = 0; i < n; i++)
+        z[i] = (double)r[i];
     CHECK(dense_factor(full, n));
-    dense_solve(full, n, r, z);
+    dense_solve(full, n, z, z);
     sb_preconditioner_apply(p, r, out);
     for (int i = 0; kind == SB_PRECOND_SSOR && i < n; i++)
         out[i] *= (sb_real)relaxation; /* the library leaves this factor out */

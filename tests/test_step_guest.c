@@ -8,10 +8,12 @@
 #include "check.h"
 #include "scene.h"
 
+#include "dense_double.h"
+
 /* ---- dense systems --------------------------------------------------------------------------------------- */
 
 /* Solves a x = b in place of b; a is destroyed. */
-static int dense_solve(double *a, double *b, int n)
+static int dense_eliminate(double *a, double *b, int n)
 {
     for (int k = 0; k < n; k++) {
         int pivot = k;
@@ -43,35 +45,6 @@ static int dense_solve(double *a, double *b, int n)
         b[i] /= a[i * n + i];
     }
     return 1;
-}
-
-static int dense_factor(double *m, int n)
-{
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = m[i * n + j];
-            for (int k = 0; k < j; k++)
-                sum -= m[i * n + k] * m[j * n + k];
-            if (i == j && !(sum > 0))
-                return 0;
-            m[i * n + j] = i == j ? sqrt(sum) : sum / m[j * n + j];
-        }
-    return 1;
-}
-
-static void dense_back(const double *m, int n, const double *b, double *x)
-{
-    for (int i = 0; i < n; i++) {
-        x[i] = b[i];
-        for (int k = 0; k < i; k++)
-            x[i] -= m[i * n + k] * x[k];
-        x[i] /= m[i * n + i];
-    }
-    for (int i = n; i-- > 0;) {
-        for (int k = i + 1; k < n; k++)
-            x[i] -= m[k * n + i] * x[k];
-        x[i] /= m[i * n + i];
-    }
 }
 
 /* ---- guests of springs, dashpots and masses -------------------------------------------------------------- */
@@ -187,7 +160,7 @@ static void device_residual(void *user, const double *x, double *y)
 static void device_precondition(void *user, const double *r, double *z)
 {
     const device *d = (const device *)user;
-    dense_back(d->block, d->size, r, z);
+    dense_solve(d->block, d->size, r, z);
 }
 
 static int device_settle(void *user, const double *x)
@@ -615,7 +588,7 @@ static reference reference_solve(scene *s, const scene_def *what, const void *be
     for (int round = 0; round < (what->iterated ? 30 : 1); round++) {
         double size = 0;
         reference_system(s, what, u, damping, a, b, &r, constrained);
-        CHECK(dense_solve(a, b, r.n));
+        CHECK(dense_eliminate(a, b, r.n));
         for (int i = 0; i < r.n; i++) {
             r.x[i] += b[i];
             size = fabs(b[i]) > size && i < r.nodes ? fabs(b[i]) : size;

@@ -6,31 +6,6 @@ static const double young = 1e4, exact = 1e-8;
 
 /* ---- pressure ---- */
 
-/* Mean outward displacement of the nodes at `radius`, from the centre or from axis z. */
-static double radial_displacement(const sb_body *body, const sb_mesh *mesh, verify_where where, double radius)
-{
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < mesh->node_count; i++) {
-        sb_vec3 x = mesh->nodes[i];
-        if (!where(&radius, x))
-            continue;
-        if (where == verify_on_cylinder)
-            x.z = 0;
-        sum += (double)sb_v3_dot(sb_body_displacements(body)[i], x) / radius;
-        count++;
-    }
-    CHECK(count > 0);
-    return sum / count;
-}
-
-/* A quarter ring has rollers at y = 0 and x = 0; an octant at z = 0 as well. */
-static void hold_symmetry(sb_body *body, const sb_mesh *mesh, int axes)
-{
-    for (int axis = 0; axis < axes; axis++)
-        scene_fix_plane(body, mesh, axis, 0, 1 << axis);
-}
-
 typedef struct mesh_choice {
     const char *element;
     int across, around;
@@ -63,7 +38,7 @@ static void test_lame(void)
                                                  verify_map_ring, &ring, 0);
             sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
             char name[80];
-            hold_symmetry(body, &mesh, sphere ? 3 : 2);
+            verify_hold_symmetry(body, &mesh, sphere ? 3 : 2);
             for (int k = 0; k < mesh.node_count && !sphere; k++)
                 CHECK_OK(sb_body_fix_nodes(body, &k, 1, SB_Z));
             verify_press(body, &mesh, where, &inner, pressure);
@@ -72,7 +47,7 @@ static void test_lame(void)
                      sphere ? "thick sphere" : "thick cylinder", choice->across,
                      (sphere ? 1 : 2) * choice->around);
             verify(name, choice->element, sphere ? "Lame 1852" : "Lame 1852, plane strain", "u(a) (m)",
-                   expected, radial_displacement(body, &mesh, where, inner),
+                   expected, verify_outward(body, &mesh, where, inner),
                    sphere ? choice->sphere_bound : choice->cylinder_bound);
             verify_free(body, &mesh);
         }
@@ -87,13 +62,13 @@ static void balloon_case(const char *name, const verify_element *element, int ac
     sb_mesh mesh = verify_octant(element->type, inner, outer, across, around);
     sb_body *body = verify_body(&mesh, element, material->make(REAL(young), REAL(poisson), 1000));
     char what[80];
-    hold_symmetry(body, &mesh, 3);
+    verify_hold_symmetry(body, &mesh, 3);
     verify_press(body, &mesh, verify_on_sphere, &inner,
                  verify_inflation_pressure(material, young, poisson, stretch));
     verify_solve(body);
     snprintf(what, sizeof what, "%s, %s", element->name, material->name);
     verify(name, what, "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "u(a) (m)",
-           stretch - 1, radial_displacement(body, &mesh, verify_on_sphere, inner), bound);
+           stretch - 1, verify_outward(body, &mesh, verify_on_sphere, inner), bound);
     verify_free(body, &mesh);
 }
 

@@ -132,11 +132,7 @@ static int sbi_change_copy_slots(sb_body_change *change, sbi_slots *to, const sb
 {
     const sb_allocator *allocator = &change->body->allocator;
     if (to->capacity == from->capacity && *index) {
-        to->end = from->end;
-        to->fresh = from->fresh;
-        to->count = from->count;
-        memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
-        memcpy(to->used, from->used, (size_t)from->capacity);
+        sbi_slots_assign(to, from);
         return 1;
     }
     sbi_slots_free(to, allocator);

@@ -20,6 +20,8 @@ typedef struct sbi_slots {
 
 SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
 SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
+/* The same slots, in arrays with room for them. */
+SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from);
 SBI_API void sbi_slots_free(sbi_slots *slots, const sb_allocator *allocator);
 /* The next slot, which is used then; -1: full. */
 SBI_API int sbi_slots_take(sbi_slots *slots);

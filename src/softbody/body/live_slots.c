@@ -21,15 +21,20 @@ SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_
     return 1;
 }
 
-SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from)
 {
-    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
-        return 0;
     to->end = from->end;
     to->fresh = from->fresh;
     to->count = from->count;
     memcpy(to->stack, from->stack, (size_t)from->count * sizeof(int));
     memcpy(to->used, from->used, (size_t)from->capacity);
+}
+
+SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator)
+{
+    if (!sbi_slots_create(to, sbi_max_int(capacity, from->capacity), 0, allocator))
+        return 0;
+    sbi_slots_assign(to, from);
     return 1;
 }
 
