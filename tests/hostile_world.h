@@ -273,7 +273,7 @@ static void world_follow(void *user, const sb_body *body, const sb_mesh_change *
 
 static const sb_body_listener *world_listener(void)
 {
-    static const sb_body_listener listener = {NULL, NULL, world_follow, NULL};
+    static const sb_body_listener listener = {NULL, NULL, world_follow, NULL, NULL};
     return &listener;
 }
 

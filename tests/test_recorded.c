@@ -93,12 +93,12 @@ static sb_result act_change(actor *a)
 static void act_follow(void *user, const sb_body *body, const sb_mesh_change *change) { (void)user, (void)body, (void)change; }
 static sb_result act_listen(actor *a)
 {
-    sb_body_listener listener = {NULL, NULL, act_follow, NULL};
+    sb_body_listener listener = {NULL, NULL, act_follow, NULL, NULL};
     return sb_body_listen(a->body, &listener, NULL, &a->error);
 }
 static sb_result act_unlisten(actor *a)
 {
-    sb_body_listener listener = {NULL, NULL, act_follow, NULL};
+    sb_body_listener listener = {NULL, NULL, act_follow, NULL, NULL};
     int id;
     sb_result result = sb_body_listen(a->body, &listener, &id, &a->error);
     return result == SB_OK ? sb_body_unlisten(a->body, id) : result;

@@ -743,6 +743,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->last_listener = live->last_listener;
     live->open = NULL;
     live->listeners = NULL;
+    live->listener_count = 0;
     body->pattern_version = old.pattern_version + 1;
     sbi_live_rebase(body);
     sbi_live_rebase(next);

@@ -712,7 +712,9 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->heirs = (int *)sbi_arena_take(arena, entries, sizeof(int));
     lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
+    lists->made_positions = (sb_vec3 *)sbi_arena_take(arena, made, sizeof(sb_vec3));
     lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->moved_to = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
     lists->moved_start = (int *)sbi_arena_take(arena, moved + 1, sizeof(int));
     lists->moved_sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
     lists->moved_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
@@ -760,6 +762,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         if (node->dropped)
             continue;
         lists->made_nodes[out->made_node_count] = node->node;
+        lists->made_positions[out->made_node_count] = node->position;
         lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
         lists->source_start[out->made_node_count++] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
@@ -780,6 +783,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         const sbi_changed_node *node = change->moved_nodes.items + i;
         lists->moved_nodes[i] = node->node;
         lists->moved_from[i] = change->body->reference[node->node];
+        lists->moved_to[i] = node->position;
         lists->moved_start[i] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->moved_sources, lists->moved_weights);
     }
@@ -920,6 +924,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     sbi_change_list_cells(change, lists, out);
     sbi_change_list_reshaped(change, lists, out);
     out->made_nodes = lists->made_nodes;
+    out->made_positions = lists->made_positions;
     out->made_copies = lists->made_copies;
     out->source_start = lists->source_start;
     out->sources = lists->sources;
@@ -930,6 +935,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->heir_weights = lists->heir_weights;
     out->moved_nodes = lists->moved_nodes;
     out->moved_from = lists->moved_from;
+    out->moved_to = lists->moved_to;
     out->moved_start = lists->moved_start;
     out->moved_sources = lists->moved_sources;
     out->moved_weights = lists->moved_weights;

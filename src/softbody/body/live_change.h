@@ -48,7 +48,7 @@ typedef struct sbi_change_lists {
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
     sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
-    sb_vec3 *moved_from;
+    sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
 } sbi_change_lists;

@@ -25,6 +25,11 @@ SBI_API void sbi_live_destroy(sb_body *body)
     sbi_live *live = body->live;
     if (!live)
         return;
+    while (live->listener_count > 0) {
+        const sb_body_listener *calls = &live->listeners[--live->listener_count].calls;
+        if (calls->end)
+            calls->end(calls->user);
+    }
     sb_body_change_cancel(live->open);
     sbi_change_destroy(live->spare);
     sbi_free(&body->allocator, live->lists);

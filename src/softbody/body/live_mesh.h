@@ -29,9 +29,10 @@
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
- *   (SB_ERROR_STATE); an embedding does not know of the change, and its points are wrong. Both are made anew, an embedding
- *   from sb_body_get_mesh, whose numbers its node positions then have.
+ * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
+ *   are wrong.
+ * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are made
+ *   anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
  * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
@@ -136,6 +137,8 @@ typedef struct sb_body_listener {
     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change);
     /* Another refused after reserve. */
     void (*give_up)(void *user);
+    /* The body is being destroyed, and is not to be read; the listener is gone. */
+    void (*end)(void *user);
 } sb_body_listener;
 /* Called in the order of registration, after the body's own loads and constraints. *id serves to end it; listeners end
  * with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY. */

@@ -1,197 +1,62 @@
-/* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
+/* embed: creation: where each point is, rings; readings. */
+#include "embed_follow.h"
 #include "embed_private.h"
 
 #define SBI_EMBED_COOKIE 0x73626d31u
 
 /* ---- creation: where each point is ---- */
 
-/* A point's place while the embedding is made. */
-typedef struct sbi_embed_place {
-    sb_embedding_hold hold;
-    int cell; /* element, or boundary face */
-    sb_real parameters[3], offset[3], carried[3];
-    sb_real gap; /* distance to the mesh (m) */
-} sbi_embed_place;
-
 /* A creation under way. */
 typedef struct sbi_embed_build {
     const sb_embedding_def *def;
-    const sb_vec3 *rest;  /* the points */
+    const sb_vec3 *rest; /* the points */
     int count;
     sbi_embed_volume volume;
-    int *order;           /* points along Morton's curve; later by hold and cell */
-    uint32_t *scratch;    /* [3 count] */
-    int *hints;           /* element to start from for each task */
     sbi_embed_place *places;
     sb_embedding *e;
 } sbi_embed_build;
 
-/* The offset of a point from x(xi) in the parameters of the element, corrected once for rounding. */
-static void sbi_embed_find_step(const sbi_embed_volume *volume, sb_vec3 point, sb_embedded_point *info)
-{
-    sb_mat3 jacobian, inverse;
-    sb_vec3 offset = sb_v3_sub(point, sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian)), step;
-    inverse = sb_m3_inverse(jacobian);
-    step = sb_m3_apply(inverse, offset);
-    step = sb_v3_add(step, sb_m3_apply(inverse, sb_v3_sub(offset, sb_m3_apply(jacobian, step))));
-    info->step[0] = step.x, info->step[1] = step.y, info->step[2] = step.z;
-    info->distance = sb_v3_norm(offset);
-}
-
-static void sbi_embed_place_foot(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sbi_embed_place *place,
-                                 sb_embedded_point *info)
-{
-    place->cell = foot->face;
-    place->parameters[0] = foot->r;
-    place->parameters[1] = foot->s;
-    place->parameters[2] = foot->distance;
-    info->element = sbi_embed_foot_element(volume, foot, info->xi);
-}
-
-/* How a point outside is held. */
-static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
-                                    const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
-{
-    sbi_embed_foot foot;
-    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
-        place->hold = SB_EMBEDDED_OFFSET;
-        sbi_embed_place_foot(volume, &foot, place, info);
-        return;
-    }
-    foot = sbi_embed_hit_foot(volume, hit);
-    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
-        sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
-        offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
-        place->hold = SB_EMBEDDED_FRAME;
-        sbi_embed_place_foot(volume, &foot, place, info);
-        place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
-        return;
-    }
-    place->hold = SB_EMBEDDED_EXTRAPOLATED;
-}
-
-/* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
- * cof(F) N = cof(J') J^T N / det J; in the frame of a face E^T N. */
-static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 normal, const sb_embedded_point *info,
-                                   sbi_embed_place *place)
-{
-    sbi_embed_foot foot;
-    sb_mat3 jacobian;
-    sb_vec3 at, tangent[2], carried;
-    foot.face = place->cell;
-    foot.r = place->parameters[0], foot.s = place->parameters[1], foot.distance = place->parameters[2];
-    normal = sbi_embed_unit(normal);
-    if (place->hold == SB_EMBEDDED_FRAME) {
-        sbi_embed_foot_tangents(volume, &foot, tangent);
-        carried = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), normal);
-    } else {
-        if (place->hold == SB_EMBEDDED_OFFSET)
-            sbi_embed_foot_map(volume, &foot, &at, &jacobian);
-        else
-            sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian);
-        carried = sb_v3_scale(1 / sb_m3_det(jacobian), sb_m3_tapply(jacobian, normal));
-    }
-    place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
-}
-
-/* Places one point; *hint is an element nearby, and then the point's own. */
-static void sbi_embed_place_point(sbi_embed_build *build, int index, int *hint)
-{
-    const sbi_embed_volume *volume = &build->volume;
-    sbi_embed_place *place = &build->places[index];
-    sb_embedded_point *info = &build->e->points[index];
-    sb_vec3 point = build->rest[index];
-    sbi_embed_hit hit;
-    memset(place, 0, sizeof *place);
-    memset(info, 0, sizeof *info);
-    sbi_embed_closest(volume, point, *hint, &hit);
-    *hint = hit.element;
-    place->cell = info->element = hit.element;
-    place->gap = sb_sqrt(hit.distance2);
-    for (int k = 0; k < 3; k++)
-        place->parameters[k] = info->xi[k] = hit.xi[k];
-    if (hit.distance2 > 0) {
-        sbi_embed_place_outside(volume, build->def->kind, point, &hit, place, info);
-        sbi_embed_find_step(volume, point, info);
-        for (int k = 0; place->hold == SB_EMBEDDED_EXTRAPOLATED && k < 3; k++)
-            place->offset[k] = info->step[k];
-    }
-    info->hold = place->hold;
-    if (build->def->normals)
-        sbi_embed_place_normal(volume, build->def->normals[index], info, place);
-}
 
 static void sbi_embed_task_place(void *user, int task)
 {
     sbi_embed_build *build = (sbi_embed_build *)user;
+    const sb_vec3 *normals = build->def->normals;
     int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_BUILD, build->count), hint = build->volume.order[0];
-    for (int i = task * SBI_EMBED_TASK_BUILD; i < end; i++)
-        sbi_embed_place_point(build, build->order[i], &hint);
+    for (int i = task * SBI_EMBED_TASK_BUILD; i < end; i++) {
+        int p = build->e->order[i];
+        sbi_embed_place_point(&build->volume, build->def->kind, build->rest[p], normals ? normals + p : NULL, &hint,
+                              &build->places[p], &build->e->points[p]);
+    }
+}
+
+static sb_result sbi_embed_no_memory(sb_error *error, int count)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory to embed %d points", count);
 }
 
 /* Places all points and fills the report. */
 static sb_result sbi_embed_place_all(sbi_embed_build *build, sb_error *error)
 {
-    sb_embedding_report *report = &build->e->report;
+    sb_embedding *e = build->e;
+    sb_embedding_report *report = &e->report;
+    uint32_t *scratch = (uint32_t *)sbi_alloc(&e->allocator, (size_t)build->count, 3 * sizeof(uint32_t));
+    if (!scratch)
+        return sbi_embed_no_memory(error, build->count);
     report->point_count = build->count;
     report->node_count = build->def->mesh->node_count;
     report->farthest_point = -1;
-    sbi_embed_sort(build->rest, build->count, build->order, build->scratch);
+    sbi_embed_sort(build->rest, build->count, e->order, scratch);
+    sbi_free(&e->allocator, scratch);
     sbi_run(&build->def->jobs, sbi_embed_task_place, build, sbi_embed_tasks(build->count, SBI_EMBED_TASK_BUILD));
     for (int i = 0; i < build->count; i++) {
         const sbi_embed_place *place = &build->places[i];
         if (!(place->gap <= build->def->max_distance) || !(place->gap < (sb_real)0.5 * sb_sqrt(SB_REAL_MAX)))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "point %d lies %g m outside the mesh", i,
                                  (double)place->gap);
-        report->inside += place->hold == SB_EMBEDDED_INSIDE;
-        report->offset += place->hold == SB_EMBEDDED_OFFSET;
-        report->frame += place->hold == SB_EMBEDDED_FRAME;
-        report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
-        if (place->gap > report->max_distance) {
-            report->max_distance = place->gap;
-            report->farthest_point = i;
-        }
+        e->inside[i] = place->hold == SB_EMBEDDED_INSIDE;
+        sbi_embed_report_add(report, place, i);
     }
     return SB_OK;
-}
-
-/* ---- creation: arrays ---- */
-
-/* Allocates for the embedding; NULL (and *ok = 0) when memory is short. */
-static void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size)
-{
-    void *pointer = *ok ? sbi_alloc(&e->allocator, count, size) : NULL;
-    if (!pointer)
-        *ok = 0;
-    return pointer;
-}
-
-/* Rows of the indices i with keys[i] = row; keys < 0 belong to none. */
-static int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists)
-{
-    int ok = 1;
-    lists->rows = rows;
-    lists->starts = (int *)sbi_embed_take(e, &ok, (size_t)rows + 2, sizeof(int));
-    lists->items = (int *)sbi_embed_take(e, &ok, (size_t)count, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(lists->starts, 0, ((size_t)rows + 2) * sizeof(int));
-    for (int i = 0; i < count; i++)
-        if (keys[i] >= 0)
-            lists->starts[keys[i] + 2]++;
-    for (int r = 0; r < rows; r++)
-        lists->starts[r + 2] += lists->starts[r + 1];
-    for (int i = 0; i < count; i++) /* starts[r + 1] runs from the start of row r to its end */
-        if (keys[i] >= 0)
-            lists->items[lists->starts[keys[i] + 1]++] = i;
-    return 1;
-}
-
-static void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
-{
-    sbi_free(&e->allocator, lists->starts);
-    sbi_free(&e->allocator, lists->items);
-    memset(lists, 0, sizeof *lists);
 }
 
 SB_API void sb_embedding_destroy(sb_embedding *embedding)
@@ -200,276 +65,19 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding)
     if (!embedding)
         return;
     allocator = embedding->allocator;
-    for (int k = 0; k < 3; k++) {
-        sbi_free(&allocator, embedding->parameters[k]);
-        sbi_free(&allocator, embedding->offsets[k]);
-        sbi_free(&allocator, embedding->carried[k]);
+    if (embedding->follower) {
+        sbi_embed_follower_destroy(embedding);
+    } else {
+        sbi_embed_free_arrays(embedding);
+        sbi_free(&allocator, embedding->elements);
     }
-    sbi_embed_lists_free(embedding, &embedding->normal_faces);
-    sbi_embed_lists_free(embedding, &embedding->normal_groups);
-    sbi_embed_lists_free(embedding, &embedding->touched);
     sbi_embed_lists_free(embedding, &embedding->rings);
     sbi_free(&allocator, embedding->points);
-    sbi_free(&allocator, embedding->elements);
-    sbi_free(&allocator, embedding->groups);
-    sbi_free(&allocator, embedding->tasks);
-    sbi_free(&allocator, embedding->slot_point);
-    sbi_free(&allocator, embedding->nodes);
-    sbi_free(&allocator, embedding->normal_of);
-    sbi_free(&allocator, embedding->weights);
-    sbi_free(&allocator, embedding->touched_nodes);
-    sbi_free(&allocator, embedding->face_normals);
-    sbi_free(&allocator, embedding->normals);
-    sbi_free(&allocator, embedding->lengths);
-    sbi_free(&allocator, embedding->entry_forces);
-    sbi_free(&allocator, embedding->entry_pulls);
-    sbi_free(&allocator, embedding->normal_pulls);
+    sbi_free(&allocator, embedding->rest);
+    sbi_free(&allocator, embedding->rest_normals);
+    sbi_free(&allocator, embedding->order);
+    sbi_free(&allocator, embedding->inside);
     sbi_free(&allocator, embedding);
-}
-
-static sb_result sbi_embed_no_memory(sb_error *error, int count)
-{
-    return sbi_fail(error, SB_ERROR_MEMORY, "no memory to embed %d points", count);
-}
-
-/* build->order = points by hold, then cell, then as before. */
-static int sbi_embed_sort_places(sbi_embed_build *build)
-{
-    int *scratch = (int *)build->scratch, rows = sbi_max_int(build->volume.mesh->element_count,
-                                                              build->volume.boundary.surface.element_count);
-    int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
-    int *starts = (int *)sbi_embed_take(build->e, &ok, (size_t)rows + 1, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(starts, 0, ((size_t)rows + 1) * sizeof(int));
-    for (int i = 0; i < build->count; i++) {
-        starts[build->places[i].cell + 1]++;
-        hold_starts[(int)build->places[i].hold + 1]++;
-    }
-    for (int r = 0; r < rows; r++)
-        starts[r + 1] += starts[r];
-    for (int h = 0; h < 4; h++)
-        hold_starts[h + 1] += hold_starts[h];
-    for (int i = 0; i < build->count; i++)
-        scratch[starts[build->places[build->order[i]].cell]++] = build->order[i];
-    for (int i = 0; i < build->count; i++)
-        build->order[hold_starts[(int)build->places[scratch[i]].hold]++] = scratch[i];
-    sbi_free(&build->e->allocator, starts);
-    return 1;
-}
-
-/* One more group from place i of the order on; returns where the next one starts. */
-static int sbi_embed_next_group(const sbi_embed_build *build, int i, sbi_embed_group *group)
-{
-    const sbi_embed_place *first = &build->places[build->order[i]];
-    int end = i + 1;
-    while (end < build->count && end - i < SBI_EMBED_GROUP && build->places[build->order[end]].hold == first->hold &&
-           build->places[build->order[end]].cell == first->cell)
-        end++;
-    group->hold = first->hold;
-    group->count = end - i;
-    group->node_count = sbi_embed_is_on_face(first->hold) ? build->e->face.nodes : build->volume.width;
-    return end;
-}
-
-static const int *sbi_embed_cell_nodes(const sbi_embed_build *build, sb_embedding_hold hold, int cell)
-{
-    const int *all = sbi_embed_is_on_face(hold) ? build->volume.boundary.surface.elements : build->def->mesh->elements;
-    return all + (size_t)cell * (size_t)(sbi_embed_is_on_face(hold) ? build->e->face.nodes : build->volume.width);
-}
-
-/* Counts groups, slots and node entries; 0 when they do not fit an int. */
-static int sbi_embed_count_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    long long slots = 0, entries = 0;
-    for (int i = 0; i < build->count;) {
-        sbi_embed_group group;
-        i = sbi_embed_next_group(build, i, &group);
-        e->group_count++;
-        slots += (long long)sbi_embed_tasks(group.count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entries += group.node_count;
-    }
-    if (slots > INT_MAX || entries > INT_MAX / 2)
-        return 0;
-    e->slot_count = (int)slots;
-    e->group_entries = (int)entries;
-    e->task_count = sbi_embed_tasks(e->slot_count, SBI_EMBED_TASK_SLOTS);
-    return 1;
-}
-
-/* Slots of a group, with their numbers. from: its first place in the order. */
-static void sbi_embed_fill_slots(const sbi_embed_build *build, const sbi_embed_group *group, int from)
-{
-    sb_embedding *e = build->e;
-    int padded = sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-    for (int s = 0; s < padded; s++) {
-        int point = build->order[from + sbi_min_int(s, group->count - 1)], slot = group->first + s;
-        e->slot_point[slot] = point;
-        for (int k = 0; k < 3; k++) {
-            e->parameters[k][slot] = build->places[point].parameters[k];
-            if (e->offsets[0])
-                e->offsets[k][slot] = build->places[point].offset[k];
-            if (e->carried[0])
-                e->carried[k][slot] = build->places[point].carried[k];
-        }
-    }
-}
-
-static int sbi_embed_allocate_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    size_t slots = (size_t)e->slot_count;
-    int ok = 1, with_offsets = e->report.frame + e->report.extrapolated > 0;
-    e->groups = (sbi_embed_group *)sbi_embed_take(e, &ok, (size_t)e->group_count, sizeof(sbi_embed_group));
-    e->tasks = (int *)sbi_embed_take(e, &ok, (size_t)e->task_count + 1, sizeof(int));
-    e->slot_point = (int *)sbi_embed_take(e, &ok, slots, sizeof(int));
-    for (int k = 0; k < 3; k++) {
-        e->parameters[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (with_offsets)
-            e->offsets[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (build->def->normals)
-            e->carried[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-    }
-    return ok;
-}
-
-/* groups, slots and tasks, from the order by hold and cell. */
-static int sbi_embed_make_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    int slot = 0, entry = 0, task = 0;
-    if (!sbi_embed_sort_places(build) || !sbi_embed_count_groups(build) || !sbi_embed_allocate_groups(build))
-        return 0;
-    for (int g = 0, i = 0; g < e->group_count; g++) {
-        sbi_embed_group *group = &e->groups[g];
-        int from = i;
-        i = sbi_embed_next_group(build, i, group);
-        group->first = slot;
-        group->node_first = entry;
-        if (slot >= task * SBI_EMBED_TASK_SLOTS && task < e->task_count)
-            e->tasks[task++] = g;
-        sbi_embed_fill_slots(build, group, from);
-        slot += sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entry += group->node_count;
-    }
-    e->task_count = task;
-    e->tasks[task] = e->group_count;
-    return 1;
-}
-
-/* ---- creation: smooth normals and node entries ---- */
-
-/* Numbers the nodes that need smooth normals (ids: -1 or the number, by mesh node) and lists the boundary faces around
- * them in faces. */
-static void sbi_embed_pick_normals(sbi_embed_build *build, int *ids, int *faces)
-{
-    sb_embedding *e = build->e;
-    int width = e->face.nodes;
-    memset(ids, 0xff, (size_t)build->def->mesh->node_count * sizeof(int));
-    for (int i = 0; i < build->count; i++) {
-        const int *nodes = sbi_embed_cell_nodes(build, build->places[i].hold, build->places[i].cell);
-        for (int a = 0; a < width && build->places[i].hold == SB_EMBEDDED_OFFSET; a++)
-            if (ids[nodes[a]] < 0)
-                ids[nodes[a]] = e->normal_count++;
-    }
-    for (int f = 0; f < build->volume.boundary.surface.element_count; f++) {
-        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, f);
-        int wanted = 0;
-        for (int a = 0; a < width; a++)
-            wanted |= ids[nodes[a]] >= 0;
-        if (wanted)
-            faces[e->face_count++] = f;
-    }
-}
-
-/* Fills nodes and normal_of of all entries, and the weights of the faces. */
-static void sbi_embed_fill_entries(sbi_embed_build *build, const int *ids, const int *faces)
-{
-    sb_embedding *e = build->e;
-    int width = e->face.nodes;
-    for (int g = 0; g < e->group_count; g++) {
-        const sbi_embed_group *group = &e->groups[g];
-        int cell = build->places[e->slot_point[group->first]].cell;
-        const int *nodes = sbi_embed_cell_nodes(build, group->hold, cell);
-        for (int a = 0; a < group->node_count; a++) {
-            e->nodes[group->node_first + a] = nodes[a];
-            e->normal_of[group->node_first + a] = group->hold == SB_EMBEDDED_OFFSET ? ids[nodes[a]] : -1;
-        }
-    }
-    for (int f = 0; f < e->face_count; f++) {
-        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, faces[f]);
-        size_t first = (size_t)f * (size_t)width;
-        memcpy(e->weights + first, build->volume.weights + (size_t)faces[f] * (size_t)width,
-               sizeof(sb_real) * (size_t)width);
-        for (int a = 0; a < width; a++) {
-            e->nodes[(size_t)e->group_entries + first + (size_t)a] = nodes[a];
-            e->normal_of[(size_t)e->group_entries + first + (size_t)a] = ids[nodes[a]];
-        }
-    }
-}
-
-/* touched and touched_nodes; rows[entry_count] is scratch. */
-static int sbi_embed_make_touched(sb_embedding *e, int node_count, int *rows)
-{
-    int ok = 1, *row_of = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(row_of, 0xff, (size_t)node_count * sizeof(int));
-    for (int i = 0; i < e->entry_count; i++) {
-        if (row_of[e->nodes[i]] < 0)
-            row_of[e->nodes[i]] = e->touched_count++;
-        rows[i] = row_of[e->nodes[i]];
-    }
-    e->touched_nodes = (int *)sbi_embed_take(e, &ok, (size_t)e->touched_count, sizeof(int));
-    for (int i = 0; ok && i < e->entry_count; i++)
-        e->touched_nodes[rows[i]] = e->nodes[i];
-    sbi_free(&e->allocator, row_of);
-    return ok && sbi_embed_lists_make(e, rows, e->entry_count, e->touched_count, &e->touched);
-}
-
-static int sbi_embed_allocate_entries(sb_embedding *e)
-{
-    size_t entries = (size_t)e->entry_count, faces = (size_t)e->face_count, width = (size_t)e->face.nodes;
-    int ok = 1;
-    e->nodes = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->normal_of = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->weights = (sb_real *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_real));
-    e->face_normals = (sb_vec3 *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_vec3));
-    e->normals = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->lengths = (sb_real *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_real));
-    e->normal_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->entry_forces = (sb_vec3 *)sbi_embed_take(e, &ok, entries, sizeof(sb_vec3));
-    e->entry_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->group_entries, sizeof(sb_vec3));
-    return ok;
-}
-
-static int sbi_embed_make_entries(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    int ok = 1, node_count = build->def->mesh->node_count, *rows = NULL;
-    int *ids = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    int *faces = (int *)sbi_embed_take(e, &ok, (size_t)build->volume.boundary.surface.element_count, sizeof(int));
-    if (ok) {
-        long long entries;
-        sbi_embed_pick_normals(build, ids, faces);
-        entries = (long long)e->group_entries + (long long)e->face_count * e->face.nodes;
-        ok = entries <= INT_MAX;
-        e->entry_count = ok ? (int)entries : 0;
-    }
-    ok = ok && sbi_embed_allocate_entries(e);
-    rows = (int *)sbi_embed_take(e, &ok, (size_t)e->entry_count, sizeof(int));
-    if (ok) {
-        sbi_embed_fill_entries(build, ids, faces);
-        ok = sbi_embed_make_touched(e, node_count, rows) &&
-             sbi_embed_lists_make(e, e->normal_of + e->group_entries, e->entry_count - e->group_entries,
-                                  e->normal_count, &e->normal_faces) &&
-             sbi_embed_lists_make(e, e->normal_of, e->group_entries, e->normal_count, &e->normal_groups);
-    }
-    sbi_free(&e->allocator, rows);
-    sbi_free(&e->allocator, faces);
-    sbi_free(&e->allocator, ids);
-    return ok;
 }
 
 /* ---- creation: rings ---- */
@@ -613,6 +221,8 @@ static sb_result sbi_embed_check_def(const sb_embedding_def *def, sbi_embed_buil
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.kind is %d", (int)def->kind);
     if (!(def->max_distance >= 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_distance is %g", (double)def->max_distance);
+    if (def->mesh->element_count > INT_MAX / 6)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh has more than %d elements", INT_MAX / 6);
     if (def->mesh->element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "points cannot be embedded in custom elements");
     if (def->surface && (result = sbi_embed_check_surface(def, error)) != SB_OK)
@@ -641,17 +251,43 @@ static sb_result sbi_embed_build_all(sbi_embed_build *build, sb_error *error)
     int ok = 1;
     sb_result result;
     e->face = build->volume.face;
+    e->kind = build->def->kind;
+    e->scale = build->volume.scale;
     e->elements = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
     e->points = (sb_embedded_point *)sbi_embed_take(e, &ok, count, sizeof(sb_embedded_point));
-    build->order = (int *)sbi_embed_take(e, &ok, count, sizeof(int));
-    build->scratch = (uint32_t *)sbi_embed_take(e, &ok, count, 3 * sizeof(uint32_t));
+    e->order = (int *)sbi_embed_take(e, &ok, count, sizeof(int));
+    e->inside = (unsigned char *)sbi_embed_take(e, &ok, count, 1);
+    e->rest = (sb_vec3 *)sbi_embed_take(e, &ok, count, sizeof(sb_vec3));
+    if (build->def->normals)
+        e->rest_normals = (sb_vec3 *)sbi_embed_take(e, &ok, count, sizeof(sb_vec3));
     build->places = (sbi_embed_place *)sbi_embed_take(e, &ok, count, sizeof(sbi_embed_place));
     if (!ok)
         return sbi_embed_no_memory(error, build->count);
     memcpy(e->elements, build->def->mesh->elements, entries * sizeof(int));
+    memcpy(e->rest, build->rest, count * sizeof(sb_vec3));
+    if (build->def->normals)
+        memcpy(e->rest_normals, build->def->normals, count * sizeof(sb_vec3));
     result = sbi_embed_place_all(build, error);
-    if (result == SB_OK &&
-        (!sbi_embed_make_groups(build) || !sbi_embed_make_entries(build) || !sbi_embed_make_rings(build)))
+    if (result == SB_OK) {
+        sbi_embed_parts parts;
+        memset(&parts, 0, sizeof parts);
+        parts.places = build->places;
+        parts.order = e->order;
+        parts.count = build->count;
+        parts.with_normals = build->def->normals != NULL;
+        parts.node_count = build->def->mesh->node_count;
+        parts.element_count = build->def->mesh->element_count;
+        parts.width = build->volume.width;
+        parts.faces = build->volume.faces;
+        parts.outer_count = build->volume.boundary.surface.element_count;
+        parts.elements = e->elements;
+        parts.outer = build->volume.boundary_face;
+        parts.weights = build->volume.weights;
+        parts.face = &e->face;
+        sbi_embed_fill_local(e->type, parts.local);
+        ok = sbi_embed_make_arrays(e, &parts) && sbi_embed_make_rings(build);
+    }
+    if (result == SB_OK && !ok)
         result = sbi_embed_no_memory(error, build->count);
     return result;
 }
@@ -677,8 +313,6 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     } else {
         result = sbi_embed_no_memory(error, build.count);
     }
-    sbi_free(&def->allocator, build.order);
-    sbi_free(&def->allocator, build.scratch);
     sbi_free(&def->allocator, build.places);
     sbi_embed_volume_free(&build.volume);
     if (result == SB_OK)
@@ -705,6 +339,7 @@ SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index
     if (index < 0 || index >= embedding->report.point_count)
         return SB_ERROR_INDEX;
     *point = embedding->points[index];
+    point->lost = embedding->inside[index] && point->hold != SB_EMBEDDED_INSIDE;
     return SB_OK;
 }
 
@@ -729,6 +364,8 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
     size_t entries;
     if (!embedding || !rows)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the embedding or rows is NULL");
+    if (embedding->follower && embedding->follower->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the embedding has yet to follow a state that was loaded: update it first");
     width = sb_element_node_count(embedding->type);
     count = embedding->report.point_count;
     if (count > INT_MAX / width)

@@ -57,16 +57,16 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
- * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where nodes move in the
- * material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the
+ * body's mesh (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where
+ * nodes move in the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing; the same bits for
- * any number of threads; one call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. SB_ERROR_MEMORY: see sb_embedding_follow. Output arrays must not overlap
+ * node_positions. Otherwise allocates nothing; the same bits for any number of threads; one call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 
@@ -81,6 +81,7 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
 typedef struct sb_embedding_report {
     int point_count, node_count;
     int inside, offset, frame, extrapolated; /* points held in each way; their sum is point_count */
+    int lost;                                /* see sb_embedded_point */
     sb_real max_distance;                    /* largest distance of a point outside from the mesh (m) */
     int farthest_point;                      /* its index, or -1 when all are inside */
 } sb_embedding_report;
@@ -93,6 +94,8 @@ typedef struct sb_embedded_point {
     sb_real xi[3];    /* where it is in the element; for points outside their foot or closest point there */
     sb_real distance; /* from there (m); 0 inside */
     sb_real step[3];  /* point = x(xi) + dx/dxi step: its offset in the parameters of the element; 0 inside */
+    int lost;         /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
+                       * the cell that it was in, or moved the surface past it */
 } sb_embedded_point;
 /* SB_ERROR_INDEX for no such point; *point is then untouched. */
 SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point);

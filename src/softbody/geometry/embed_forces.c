@@ -1,5 +1,5 @@
 /* embed_forces: the transpose of an update: forces on points brought to the nodes. */
-#include "embed_private.h"
+#include "embed_follow.h"
 
 /* ---- the transpose ---- */
 
@@ -194,6 +194,8 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_embed_frame frame;
     if (!embedding || !node_positions || !point_forces || !node_forces)
         return SB_ERROR_ARGUMENT;
+    if (sbi_embed_is_stale(embedding))
+        return SB_ERROR_MEMORY;
     memset(&frame, 0, sizeof frame);
     frame.embedding = embedding;
     frame.x = node_positions;

@@ -42,13 +42,30 @@ typedef struct sbi_embed_group {
     int node_first, node_count; /* in sb_embedding.nodes */
 } sbi_embed_group;
 
+/* A point's place, as updates take it. */
+typedef struct sbi_embed_place {
+    sb_embedding_hold hold;
+    int cell; /* element, or element * faces + local face */
+    sb_real parameters[3], offset[3], carried[3];
+    sb_real gap; /* distance to the mesh (m) */
+} sbi_embed_place;
+
+struct sbi_embed_follower;
+
 struct sb_embedding {
     sb_allocator allocator;
     sb_element_type type;
+    sb_embedding_kind kind;
     sb_embedding_report report;
     sb_embedded_point *points; /* [point_count] */
     int *elements;             /* the mesh's */
     sbi_embed_face face;
+    sb_real scale;             /* largest coordinate of the mesh at creation (m) */
+    sb_vec3 *rest;             /* [point_count] (m) */
+    sb_vec3 *rest_normals;     /* [point_count] def.normals, or NULL */
+    int *order;                /* [point_count] along Morton's curve */
+    unsigned char *inside;     /* [point_count] 1: it was inside at creation */
+    struct sbi_embed_follower *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
 
     int group_count, task_count, slot_count;
     sbi_embed_group *groups;
@@ -186,6 +203,35 @@ SB_INLINE int sbi_embed_is_on_face(sb_embedding_hold hold)
 }
 
 SB_INLINE int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
+
+/* Allocates for the embedding; NULL (and *ok = 0) when memory is short. */
+SBI_API void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size);
+/* Rows of the indices i with keys[i] = row; keys < 0 belong to none. 0: no memory. */
+SBI_API int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists);
+SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists);
+
+/* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
+SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
+                                   const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info);
+SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index);
+
+/* What the arrays of an update are made of: places, and the mesh that they are in. */
+typedef struct sbi_embed_parts {
+    const sbi_embed_place *places; /* [count] */
+    const int *order;              /* [count] points along Morton's curve */
+    int count, with_normals;
+    int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
+    const int *elements;           /* [element_count][width] */
+    const int *outer;              /* [element_count][faces] row of weights of boundary faces, or -1 */
+    const sb_real *weights;        /* angles at their nodes (rad) */
+    const sbi_embed_face *face;
+    int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
+} sbi_embed_parts;
+SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES]);
+/* Fills the arrays of e, which are zeros before, in memory from e->allocator; the same for the same places and mesh. 0:
+ * no memory. */
+SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts);
+SBI_API void sbi_embed_free_arrays(sb_embedding *e);
 
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell);

@@ -18,6 +18,8 @@ typedef struct sbi_embed_face {
 SBI_API void sbi_embed_face_make(sb_element_type type, sbi_embed_face *face);
 /* Unit normals (zero where the face has none) times weight[i] at the nodes of a face at x. */
 SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x, const sb_real *weight, sb_vec3 *out);
+/* Angle of a face at its node i (rad): between its edges at a corner, pi on an edge, the whole turn inside. */
+SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i);
 /* v / |v|; zero for a vector too short to have a direction. */
 SB_INLINE sb_vec3 sbi_embed_unit(sb_vec3 v)
 {

@@ -1,5 +1,5 @@
 /* embed_update: positions and normals of the points from those of the nodes, a group of points at a time. */
-#include "embed_private.h"
+#include "embed_follow.h"
 
 /* ---- shape functions of SBI_EMBED_LANES points ---- */
 
@@ -296,8 +296,10 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
 {
     sbi_embed_frame frame;
     if (!embedding || !node_positions || !points ||
-        (normals && !embedding->carried[0] && !embedding->rings.starts))
+        (normals && !embedding->rest_normals && !embedding->rings.starts))
         return SB_ERROR_ARGUMENT;
+    if (sbi_embed_is_stale(embedding))
+        return SB_ERROR_MEMORY;
     memset(&frame, 0, sizeof frame);
     frame.embedding = embedding;
     frame.x = node_positions;

@@ -44,8 +44,7 @@ SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x
     }
 }
 
-/* Angle of a face at its node i: between its edges at a corner, pi on an edge, the whole turn inside. */
-static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i)
+SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i)
 {
     const sb_real half_turn = (sb_real)3.14159265358979323846;
     sb_real gradient[SB_MAX_FACE_NODES][3], at[3], ends[2][3];

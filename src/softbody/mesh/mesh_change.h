@@ -24,6 +24,7 @@ typedef struct sb_mesh_change {
 
     int made_node_count;
     const int *made_nodes;         /* [made_node_count] */
+    const sb_vec3 *made_positions; /* [made_node_count] at rest (m) */
     const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
@@ -39,6 +40,7 @@ typedef struct sb_mesh_change {
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+    const sb_vec3 *moved_to;   /* [moved_node_count] and after */
     const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
     const int *moved_sources;  /* as sources */
     const sb_real *moved_weights;

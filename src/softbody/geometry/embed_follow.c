@@ -1,0 +1,523 @@
+/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of updates. */
+#include "embed_follow.h"
+
+#include "embed_live.h"
+
+/* ---- memory ---- */
+
+enum { SBI_EMBED_ALIGN = 64 };
+
+static void *sbi_embed_pool_take(void *user, size_t bytes)
+{
+    sbi_embed_pool *pool = (sbi_embed_pool *)user;
+    size_t rounded = bytes + (SBI_EMBED_ALIGN - 1);
+    void *start = pool->base + pool->used;
+    if (rounded < bytes || (rounded &= ~(size_t)(SBI_EMBED_ALIGN - 1)) > (size_t)-1 / 2 - pool->used)
+        return NULL;
+    if (rounded > pool->size - pool->used) {
+        pool->wanted = pool->used + rounded;
+        return NULL;
+    }
+    pool->used += rounded;
+    return start;
+}
+
+static void sbi_embed_pool_give(void *user, void *pointer)
+{
+    (void)user;
+    (void)pointer;
+}
+
+static sb_allocator sbi_embed_pool_begin(sbi_embed_pool *pool)
+{
+    sb_allocator allocator;
+    allocator.alloc = sbi_embed_pool_take;
+    allocator.release = sbi_embed_pool_give;
+    allocator.user = pool;
+    pool->used = pool->wanted = 0;
+    return allocator;
+}
+
+/* After a call failed for memory: 1 when it is worth trying again, in twice what it wanted. */
+static int sbi_embed_pool_grow(const sb_embedding *e, sbi_embed_pool *pool)
+{
+    unsigned char *base;
+    if (pool->wanted <= pool->size)
+        return 0;
+    base = (unsigned char *)sbi_alloc(&e->allocator, pool->wanted, 2);
+    if (!base)
+        return 0;
+    sbi_free(&e->allocator, pool->base);
+    pool->base = base;
+    pool->size = 2 * pool->wanted;
+    return 1;
+}
+
+static sb_result sbi_embed_follow_no_memory(const sb_embedding *e, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an embedding of %d points to follow its mesh",
+                    e->report.point_count);
+}
+
+static int sbi_embed_reserve_swaps(const sb_embedding *e, sbi_embed_follower *f, int count)
+{
+    sbi_embed_swap *swaps;
+    int room = count < INT_MAX / 2 ? count + count / 2 : count;
+    if (count <= f->swap_room)
+        return 1;
+    room = sbi_max_int(count, sbi_min_int(room, e->report.point_count));
+    swaps = (sbi_embed_swap *)sbi_alloc(&e->allocator, (size_t)room, sizeof *swaps);
+    if (!swaps)
+        return 0;
+    sbi_free(&e->allocator, f->swaps);
+    f->swaps = swaps;
+    f->swap_room = room;
+    return 1;
+}
+
+/* ---- a part of the mesh to search ---- */
+
+/* What is searched, in the order in which it is. */
+typedef enum sbi_embed_part {
+    SBI_EMBED_CHANGED = 0, /* cells made and reshaped */
+    SBI_EMBED_AROUND = 1,  /* cells around them, and the cells around these */
+    SBI_EMBED_ALL = 2
+} sbi_embed_part;
+
+enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_SEARCHED = 2 }; /* marks of cells */
+enum { SBI_EMBED_NEAR = 2 };                            /* of nodes; 1: of a cell that changes */
+
+static void sbi_embed_mark_around(sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        f->cell_marks[at / f->width] |= SBI_EMBED_SEARCHED;
+}
+
+static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
+{
+    const sb_mesh_change *c = f->change;
+    for (int i = 0; part == SBI_EMBED_ALL && i < f->cell_end; i++)
+        f->cell_marks[i] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_CHANGED && i < c->made_cell_count; i++)
+        f->cell_marks[c->made_cells[i]] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_CHANGED && i < c->reshaped_cell_count; i++)
+        f->cell_marks[c->reshaped_cells[i]] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_AROUND && i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+            for (int a = 0; a < f->width; a++) {
+                int node = f->cells[at / f->width * f->width + a];
+                if (!(f->node_marks[node] & SBI_EMBED_NEAR)) {
+                    f->node_marks[node] |= SBI_EMBED_NEAR;
+                    f->part_nodes[f->part_node_count++] = node;
+                    sbi_embed_mark_around(f, node);
+                }
+            }
+    for (int i = 0; i < f->part_node_count; i++)
+        f->node_marks[f->part_nodes[i]] &= (unsigned char)~SBI_EMBED_NEAR;
+    f->part_node_count = 0;
+}
+
+/* Lists the marked cells. */
+static void sbi_embed_list_part(sbi_embed_follower *f)
+{
+    f->part_count = 0;
+    for (int i = 0; i < f->cell_end; i++)
+        if (f->cell_marks[i] & SBI_EMBED_SEARCHED && f->cells[i * f->width] >= 0)
+            f->part_cells[f->part_count++] = i;
+}
+
+static void sbi_embed_clear_part(sbi_embed_follower *f)
+{
+    for (int i = 0; i < f->cell_end; i++)
+        f->cell_marks[i] &= (unsigned char)~SBI_EMBED_SEARCHED;
+    f->part_count = 0;
+}
+
+/* The listed cells as a mesh. 0: no memory. */
+static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, const sb_allocator *allocator,
+                               sb_mesh *mesh)
+{
+    size_t corners = (size_t)f->part_count * (size_t)f->width;
+    memset(mesh, 0, sizeof *mesh);
+    mesh->allocator = *allocator;
+    mesh->element_type = e->type;
+    mesh->element_count = f->part_count;
+    mesh->elements = (int *)sbi_alloc(allocator, corners, sizeof(int));
+    if (!mesh->elements)
+        return 0;
+    for (size_t i = 0; i < corners; i++) {
+        int node = f->cells[f->part_cells[i / (size_t)f->width] * f->width + (int)(i % (size_t)f->width)];
+        if (f->number[node] < 0) {
+            f->number[node] = mesh->node_count++;
+            f->part_nodes[f->number[node]] = node;
+        }
+        mesh->elements[i] = f->number[node];
+    }
+    mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(sb_vec3));
+    for (int i = 0; i < mesh->node_count; i++) {
+        if (mesh->nodes)
+            mesh->nodes[i] = f->nodes[f->part_nodes[i]];
+        f->number[f->part_nodes[i]] = -1;
+    }
+    return mesh->nodes != NULL;
+}
+
+/* Faces where the part ends but the mesh goes on hold no points. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+{
+    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
+        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
+        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
+            volume->boundary_face[cell * f->faces + local] = -1;
+    }
+}
+
+/* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
+static int sbi_embed_is_whole(const sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        if (!(f->cell_marks[at / f->width] & SBI_EMBED_SEARCHED))
+            return 0;
+    return 1;
+}
+
+/* Whether a place found in a part is one in the mesh. */
+static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, const sbi_embed_place *place)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), whole = 1;
+    int cell = on_face ? place->cell / f->faces : place->cell;
+    if (place->hold == SB_EMBEDDED_INSIDE || part == SBI_EMBED_ALL)
+        return 1;
+    if (part == SBI_EMBED_CHANGED || (on_face && f->outer[place->cell] < 0))
+        return 0;
+    for (int a = 0; a < (on_face ? f->face_nodes : f->width) && whole; a++)
+        whole = sbi_embed_is_whole(f, f->cells[cell * f->width + (on_face ? f->local[place->cell % f->faces][a] : a)]);
+    return whole;
+}
+
+/* Places what has no place yet; returns how many are left. */
+static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
+                                 const sbi_embed_volume *volume)
+{
+    int left = 0, hint = volume->order[0];
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_swap *swap = &f->swaps[i];
+        const sb_vec3 *normal = e->rest_normals ? e->rest_normals + swap->point : NULL;
+        if (i % SBI_EMBED_TASK_BUILD == 0) /* as at creation */
+            hint = volume->order[0];
+        if (swap->done)
+            continue;
+        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        swap->info.element = f->part_cells[swap->info.element];
+        if (sbi_embed_is_on_face(swap->place.hold))
+            swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
+        else
+            swap->place.cell = swap->info.element;
+        swap->done = sbi_embed_accepts(f, part, &swap->place);
+        left += !swap->done;
+    }
+    return left;
+}
+
+/* Searches the listed cells, with memory from allocator. */
+static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
+                                       const sb_allocator *allocator, int *left, sb_error *error)
+{
+    sbi_embed_volume volume;
+    sb_mesh mesh;
+    sb_result result = SB_ERROR_MEMORY;
+    if (sbi_embed_make_part(e, f, allocator, &mesh))
+        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+    if (result == SB_OK) {
+        volume.scale = e->scale;
+        sbi_embed_hide_cuts(f, &volume);
+        *left = sbi_embed_place_swaps(e, f, part, &volume);
+        sbi_embed_volume_free(&volume);
+    }
+    sb_mesh_free(&mesh);
+    return result == SB_ERROR_MEMORY ? sbi_embed_follow_no_memory(e, error) : result;
+}
+
+/* Places all swaps, from one part of the mesh on. */
+static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part from, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int left = f->swap_count;
+    for (int part = (int)from; part <= (int)SBI_EMBED_ALL && left > 0 && result == SB_OK; part++) {
+        sbi_embed_mark_part(f, (sbi_embed_part)part);
+        sbi_embed_list_part(f);
+        for (int again = f->part_count > 0; again;) {
+            sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
+            int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
+            result = sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
+            again = result == SB_ERROR_MEMORY && !whole && sbi_embed_pool_grow(e, &f->scratch);
+        }
+        sbi_embed_clear_part(f);
+    }
+    return result;
+}
+
+/* ---- which points, and their arrays ---- */
+
+/* 1 when the mesh around a place changes; marks are those of the change. */
+static int sbi_embed_is_changed(const sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    int cell = sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell;
+    if (f->cell_marks[cell])
+        return 1;
+    for (int a = 0; a < f->width && place->hold != SB_EMBEDDED_INSIDE; a++)
+        if (f->node_marks[f->cells[cell * f->width + a]])
+            return 1;
+    return 0;
+}
+
+static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
+{
+    int count = 0;
+    for (int p = 0; p < e->report.point_count; p++)
+        count += sbi_embed_is_changed(f, &f->places[p]);
+    if (!sbi_embed_reserve_swaps(e, f, count))
+        return 0;
+    f->swap_count = 0;
+    for (int p = 0; p < e->report.point_count && f->swap_count < count; p++)
+        if (sbi_embed_is_changed(f, &f->places[p])) {
+            f->swaps[f->swap_count].done = 0;
+            f->swaps[f->swap_count++].point = p;
+        }
+    return 1;
+}
+
+static void sbi_embed_swap_places(sb_embedding *e, sbi_embed_follower *f)
+{
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_swap *swap = &f->swaps[i], before = *swap;
+        swap->place = f->places[swap->point];
+        swap->info = e->points[swap->point];
+        f->places[swap->point] = before.place;
+        e->points[swap->point] = before.info;
+    }
+}
+
+static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
+{
+    memset(report, 0, sizeof *report);
+    report->point_count = e->report.point_count;
+    report->node_count = f->node_end;
+    report->farthest_point = -1;
+    for (int p = 0; p < report->point_count; p++) {
+        sbi_embed_report_add(report, &f->places[p], p);
+        report->lost += e->inside[p] && f->places[p].hold != SB_EMBEDDED_INSIDE;
+    }
+}
+
+/* The arrays of updates, in the block that is not read. */
+static sb_result sbi_embed_make_next(const sb_embedding *e, sbi_embed_follower *f, sb_error *error)
+{
+    sbi_embed_pool *pool = &f->arrays[1 - f->current];
+    sbi_embed_parts parts;
+    memset(&parts, 0, sizeof parts);
+    parts.places = f->places;
+    parts.order = e->order;
+    parts.count = e->report.point_count;
+    parts.with_normals = e->rest_normals != NULL;
+    parts.node_count = f->node_end;
+    parts.element_count = f->cell_end;
+    parts.width = f->width;
+    parts.faces = f->faces;
+    parts.outer_count = f->row_fresh - f->free_count;
+    parts.elements = f->cells;
+    parts.outer = f->outer;
+    parts.weights = f->weights;
+    parts.face = &e->face;
+    memcpy(parts.local, f->local, sizeof parts.local);
+    do {
+        memset(&f->made, 0, sizeof f->made);
+        f->made.allocator = sbi_embed_pool_begin(pool);
+        f->made.type = e->type;
+        f->made.kind = e->kind;
+        f->made.face = e->face;
+        sbi_embed_fill_report(e, f, &f->made.report);
+        if (sbi_embed_make_arrays(&f->made, &parts))
+            return SB_OK;
+    } while (sbi_embed_pool_grow(e, pool));
+    return sbi_embed_follow_no_memory(e, error);
+}
+
+/* The arrays made become those that are read. */
+static void sbi_embed_adopt(sb_embedding *e, sbi_embed_follower *f)
+{
+    sb_embedding made = f->made;
+    if (!e->follower) { /* those of the creation */
+        sbi_embed_free_arrays(e);
+        sbi_free(&e->allocator, e->elements);
+    }
+    made.allocator = e->allocator;
+    made.points = e->points;
+    made.elements = f->cells;
+    made.scale = e->scale;
+    made.rest = e->rest;
+    made.rest_normals = e->rest_normals;
+    made.order = e->order;
+    made.inside = e->inside;
+    made.rings = e->rings;
+    made.follower = f;
+    *e = made;
+    f->current = 1 - f->current;
+    f->swap_count = 0;
+}
+
+/* ---- a whole mesh ---- */
+
+static void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f)
+{
+    const sb_allocator *allocator = &e->allocator;
+    if (!f)
+        return;
+    sbi_free(allocator, f->nodes);
+    sbi_free(allocator, f->cells);
+    sbi_free(allocator, f->first);
+    sbi_free(allocator, f->next);
+    sbi_free(allocator, f->outer);
+    sbi_free(allocator, f->weights);
+    sbi_free(allocator, f->free_rows);
+    sbi_free(allocator, f->node_marks);
+    sbi_free(allocator, f->cell_marks);
+    sbi_free(allocator, f->changed_nodes);
+    sbi_free(allocator, f->part_cells);
+    sbi_free(allocator, f->part_nodes);
+    sbi_free(allocator, f->number);
+    sbi_free(allocator, f->places);
+    sbi_free(allocator, f->swaps);
+    sbi_free(allocator, f->arrays[0].base);
+    sbi_free(allocator, f->arrays[1].base);
+    sbi_free(allocator, f->scratch.base);
+    sbi_free(allocator, f->old_nodes);
+    sbi_free(allocator, f);
+}
+
+SBI_API void sbi_embed_follower_destroy(sb_embedding *e)
+{
+    if (e->follower->owner.body)
+        e->follower->owner.leave(e);
+    sbi_embed_follower_free(e, e->follower);
+    e->follower = NULL;
+}
+
+static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
+{
+    sbi_embed_follower *f = (sbi_embed_follower *)sbi_alloc_zeroed(&e->allocator, 1, sizeof *f);
+    if (!f)
+        return NULL;
+    f->width = sb_element_node_count(e->type);
+    f->faces = sb_element_face_count(e->type);
+    f->face_nodes = e->face.nodes;
+    f->face_corners = e->face.corners;
+    sbi_embed_fill_local(e->type, f->local);
+    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, (size_t)e->report.point_count, sizeof *f->places);
+    if (f->places)
+        return f;
+    sbi_embed_follower_free(e, f);
+    return NULL;
+}
+
+/* Places all points in a mesh and makes the arrays. */
+static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh,
+                                     sb_error *error)
+{
+    sb_result result;
+    if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
+        !sbi_embed_reserve_swaps(e, f, e->report.point_count))
+        return sbi_embed_follow_no_memory(e, error);
+    f->swap_count = e->report.point_count;
+    for (int i = 0; i < f->swap_count; i++) {
+        f->swaps[i].point = e->order[i];
+        f->swaps[i].done = 0;
+    }
+    result = sbi_embed_search(e, f, SBI_EMBED_ALL, error);
+    if (result != SB_OK)
+        return result;
+    sbi_embed_swap_places(e, f);
+    result = sbi_embed_make_next(e, f, error);
+    if (result != SB_OK)
+        sbi_embed_swap_places(e, f);
+    return result;
+}
+
+SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
+{
+    sbi_embed_follower *f = e->follower ? e->follower : sbi_embed_follower_make(e);
+    sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
+    if (result == SB_OK) {
+        f->stale = 0;
+        sbi_embed_adopt(e, f);
+    } else if (e->follower) {
+        f->stale = 1;
+    } else {
+        sbi_embed_follower_free(e, f);
+    }
+    return result;
+}
+
+/* ---- changes ---- */
+
+static int sbi_embed_reserve_mesh(const sb_embedding *e, sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    int64_t rows = (int64_t)f->row_fresh + (int64_t)f->faces * ((int64_t)c->made_cell_count + c->removed_cell_count);
+    if (rows > INT_MAX || !sbi_embed_live_room(e, f, sbi_max_int(f->node_end, c->node_end),
+                                               sbi_max_int(f->cell_end, c->cell_end), (int)rows))
+        return 0;
+    if (c->made_node_count > f->old_room) {
+        int room = c->made_node_count < INT_MAX / 2 ? 2 * c->made_node_count : c->made_node_count;
+        sb_vec3 *old_nodes = (sb_vec3 *)sbi_alloc(&e->allocator, (size_t)room, sizeof(sb_vec3));
+        if (!old_nodes)
+            return 0;
+        sbi_free(&e->allocator, f->old_nodes);
+        f->old_nodes = old_nodes;
+        f->old_room = room;
+    }
+    return 1;
+}
+
+SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error)
+{
+    sbi_embed_follower *f = e->follower;
+    sb_result result = f->stale ? f->owner.refresh(e, error) : SB_OK;
+    int known;
+    if (result != SB_OK)
+        return result;
+    f->change = change;
+    known = sbi_embed_reserve_mesh(e, f);
+    e->elements = f->cells; /* they may have moved */
+    if (!known)
+        return sbi_embed_follow_no_memory(e, error);
+    sbi_embed_live_apply(f, &e->face, 0);
+    result = sbi_embed_list_changed(e, f) ? sbi_embed_search(e, f, SBI_EMBED_CHANGED, error)
+                                          : sbi_embed_follow_no_memory(e, error);
+    sbi_embed_live_clear_marks(f);
+    if (result != SB_OK)
+        f->swap_count = 0;
+    sbi_embed_swap_places(e, f);
+    if (result == SB_OK && f->swap_count)
+        result = sbi_embed_make_next(e, f, error);
+    if (result != SB_OK)
+        sbi_embed_follower_give_up(e);
+    return result;
+}
+
+SBI_API void sbi_embed_follower_follow(sb_embedding *e)
+{
+    sbi_embed_follower *f = e->follower;
+    if (f->swap_count)
+        sbi_embed_adopt(e, f);
+    e->report.node_count = f->node_end;
+}
+
+SBI_API void sbi_embed_follower_give_up(sb_embedding *e)
+{
+    sbi_embed_follower *f = e->follower;
+    sbi_embed_swap_places(e, f);
+    f->swap_count = 0;
+    sbi_embed_live_apply(f, &e->face, 1);
+    sbi_embed_live_clear_marks(f);
+}
