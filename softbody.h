@@ -656,6 +656,8 @@
 #define sb_embedding_get_point sb_embedding_get_point_f32
 #define sb_embedding_mapping sb_embedding_mapping_f32
 #define sb_embedding_rows_free sb_embedding_rows_free_f32
+#define sb_embedding_follow sb_embedding_follow_f32
+#define sb_embedding_unfollow sb_embedding_unfollow_f32
 #define sb_body_add_constraint sb_body_add_constraint_f32
 #define sb_body_add_constraints sb_body_add_constraints_f32
 #define sb_body_set_constraint_value sb_body_set_constraint_value_f32
@@ -2797,6 +2799,7 @@ typedef struct sb_mesh_change {
 
     int made_node_count;
     const int *made_nodes;         /* [made_node_count] */
+    const sb_vec3 *made_positions; /* [made_node_count] at rest (m) */
     const int *source_start;       /* [made_node_count + 1] into sources: at least one each */
     const int *sources;            /* nodes as numbered before the change: where displacement, velocity ... come from */
     const sb_real *source_weights; /* >= 0, they sum to 1 */
@@ -2812,6 +2815,7 @@ typedef struct sb_mesh_change {
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
+    const sb_vec3 *moved_to;   /* [moved_node_count] and after */
     const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
     const int *moved_sources;  /* as sources */
     const sb_real *moved_weights;
@@ -4761,9 +4765,10 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
  *   removed cell becomes the same material point of the cell made there. Points in space stay.
  * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
- * - Others may follow (sb_body_listen). Registrations and embeddings do not: a registration's next step says so
- *   (SB_ERROR_STATE); an embedding does not know of the change, and its points are wrong. Both are made anew, an embedding
- *   from sb_body_get_mesh, whose numbers its node positions then have.
+ * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
+ *   are wrong.
+ * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are made
+ *   anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
  * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
@@ -4866,6 +4871,8 @@ typedef struct sb_body_listener {
     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change);
     /* Another refused after reserve. */
     void (*give_up)(void *user);
+    /* The body is being destroyed, and is not to be read; the listener is gone. */
+    void (*end)(void *user);
 } sb_body_listener;
 /* Called in the order of registration, after the body's own loads and constraints. *id serves to end it; listeners end
  * with the body, too. SB_ERROR_ARGUMENT, SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY. */
@@ -5011,16 +5018,16 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
- * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where nodes move in the
- * material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the
+ * body's mesh (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where
+ * nodes move in the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing; the same bits for
- * any number of threads; one call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. SB_ERROR_MEMORY: see sb_embedding_follow. Output arrays must not overlap
+ * node_positions. Otherwise allocates nothing; the same bits for any number of threads; one call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 
@@ -5035,6 +5042,7 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
 typedef struct sb_embedding_report {
     int point_count, node_count;
     int inside, offset, frame, extrapolated; /* points held in each way; their sum is point_count */
+    int lost;                                /* see sb_embedded_point */
     sb_real max_distance;                    /* largest distance of a point outside from the mesh (m) */
     int farthest_point;                      /* its index, or -1 when all are inside */
 } sb_embedding_report;
@@ -5047,6 +5055,8 @@ typedef struct sb_embedded_point {
     sb_real xi[3];    /* where it is in the element; for points outside their foot or closest point there */
     sb_real distance; /* from there (m); 0 inside */
     sb_real step[3];  /* point = x(xi) + dx/dxi step: its offset in the parameters of the element; 0 inside */
+    int lost;         /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
+                       * the cell that it was in, or moved the surface past it */
 } sb_embedded_point;
 /* SB_ERROR_INDEX for no such point; *point is then untouched. */
 SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point);
@@ -5066,6 +5076,43 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
 SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are fine */
 
 #endif /* SB_EMBED_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/body/body_embed.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* body_embed: embeddings that follow the changes of a body's mesh. Floor 3.
+ *
+ *     sb_embedding_create(&def, &embedding, &error);      from the mesh that the body was made of
+ *     sb_embedding_follow(embedding, body, &error);
+ *     ... changes, steps, states loaded ...
+ *     sb_embedding_update(embedding, sb_body_positions(body), points, normals, NULL); */
+#ifndef SB_BODY_EMBED_H
+#define SB_BODY_EMBED_H
+
+
+/* From now on the embedding follows every change of the body's mesh (sb_body_change_commit) and every state loaded with
+ * another mesh. Its node positions are those of the body's slots, sb_body_positions(body); def.mesh need not have their
+ * numbers, but has the body's rest shape: points are placed anew where they are at rest.
+ * - A point keeps its place at rest, that is its material, to rounding: in the cell made there when its cell was split
+ *   or a node slid in the material. Points in cells that did not change have the same bits as before.
+ * - A point whose cell was removed is held by the nearest of the cells around the change, as points outside are
+ *   (sb_embedding_kind), or by the nearest of all where these do not reach it; sb_embedded_point.lost and
+ *   sb_embedding_report.lost say so. It is back inside when cells are made there again.
+ * - Points outside that are held where the mesh changed are held anew from their places at rest.
+ * - A change that is refused leaves the embedding as it was, to the bit.
+ * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
+ *   `reserve` and that, the embedding is not to be read.
+ * Cost: a change searches the points of changed cells, then makes what updates read anew (one pass over all points) where
+ * there are any. It allocates when arrays have to grow, and to find a point that no cell around the change
+ * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
+ * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
+ * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's),
+ * SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was. */
+SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
+/* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
+SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
+
+#endif /* SB_BODY_EMBED_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/body/constraint.h ==== */
@@ -45938,7 +45985,7 @@ typedef struct sbi_change_lists {
     int *removed_cells, *removed_cell_nodes, *made_cells, *made_cell_nodes, *made_parents, *reshaped_cells;
     unsigned char *made_copies;
     sb_real *source_weights, *heir_weights, *moved_weights, *made_shares, *reshaped_shares;
-    sb_vec3 *moved_from;
+    sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
 } sbi_change_lists;
@@ -50153,6 +50200,11 @@ SBI_API void sbi_live_destroy(sb_body *body)
     sbi_live *live = body->live;
     if (!live)
         return;
+    while (live->listener_count > 0) {
+        const sb_body_listener *calls = &live->listeners[--live->listener_count].calls;
+        if (calls->end)
+            calls->end(calls->user);
+    }
     sb_body_change_cancel(live->open);
     sbi_change_destroy(live->spare);
     sbi_free(&body->allocator, live->lists);
@@ -51105,7 +51157,9 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->heirs = (int *)sbi_arena_take(arena, entries, sizeof(int));
     lists->heir_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
     lists->moved_nodes = (int *)sbi_arena_take(arena, moved, sizeof(int));
+    lists->made_positions = (sb_vec3 *)sbi_arena_take(arena, made, sizeof(sb_vec3));
     lists->moved_from = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
+    lists->moved_to = (sb_vec3 *)sbi_arena_take(arena, moved, sizeof(sb_vec3));
     lists->moved_start = (int *)sbi_arena_take(arena, moved + 1, sizeof(int));
     lists->moved_sources = (int *)sbi_arena_take(arena, entries, sizeof(int));
     lists->moved_weights = (sb_real *)sbi_arena_take(arena, entries, sizeof(sb_real));
@@ -51153,6 +51207,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         if (node->dropped)
             continue;
         lists->made_nodes[out->made_node_count] = node->node;
+        lists->made_positions[out->made_node_count] = node->position;
         lists->made_copies[out->made_node_count] = (node->flags & SB_NODE_COPY) != 0;
         lists->source_start[out->made_node_count++] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->sources, lists->source_weights);
@@ -51173,6 +51228,7 @@ static void sbi_change_list_nodes(const sb_body_change *change, sbi_change_lists
         const sbi_changed_node *node = change->moved_nodes.items + i;
         lists->moved_nodes[i] = node->node;
         lists->moved_from[i] = change->body->reference[node->node];
+        lists->moved_to[i] = node->position;
         lists->moved_start[i] = entries;
         entries = sbi_change_list_entries(change, node, entries, lists->moved_sources, lists->moved_weights);
     }
@@ -51313,6 +51369,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     sbi_change_list_cells(change, lists, out);
     sbi_change_list_reshaped(change, lists, out);
     out->made_nodes = lists->made_nodes;
+    out->made_positions = lists->made_positions;
     out->made_copies = lists->made_copies;
     out->source_start = lists->source_start;
     out->sources = lists->sources;
@@ -51323,6 +51380,7 @@ static sb_result sbi_change_list(sb_body_change *change, sbi_change_lists *lists
     out->heir_weights = lists->heir_weights;
     out->moved_nodes = lists->moved_nodes;
     out->moved_from = lists->moved_from;
+    out->moved_to = lists->moved_to;
     out->moved_start = lists->moved_start;
     out->moved_sources = lists->moved_sources;
     out->moved_weights = lists->moved_weights;
@@ -52145,6 +52203,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     made->last_listener = live->last_listener;
     live->open = NULL;
     live->listeners = NULL;
+    live->listener_count = 0;
     body->pattern_version = old.pattern_version + 1;
     sbi_live_rebase(body);
     sbi_live_rebase(next);
@@ -52746,6 +52805,8 @@ typedef struct sbi_embed_face {
 SBI_API void sbi_embed_face_make(sb_element_type type, sbi_embed_face *face);
 /* Unit normals (zero where the face has none) times weight[i] at the nodes of a face at x. */
 SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x, const sb_real *weight, sb_vec3 *out);
+/* Angle of a face at its node i (rad): between its edges at a corner, pi on an edge, the whole turn inside. */
+SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i);
 /* v / |v|; zero for a vector too short to have a direction. */
 SB_INLINE sb_vec3 sbi_embed_unit(sb_vec3 v)
 {
@@ -52879,8 +52940,7 @@ SBI_API void sbi_embed_face_normals(const sbi_embed_face *face, const sb_vec3 *x
     }
 }
 
-/* Angle of a face at its node i: between its edges at a corner, pi on an edge, the whole turn inside. */
-static sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i)
+SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *x, int i)
 {
     const sb_real half_turn = (sb_real)3.14159265358979323846;
     sb_real gradient[SB_MAX_FACE_NODES][3], at[3], ends[2][3];
@@ -53940,13 +54000,30 @@ typedef struct sbi_embed_group {
     int node_first, node_count; /* in sb_embedding.nodes */
 } sbi_embed_group;
 
+/* A point's place, as updates take it. */
+typedef struct sbi_embed_place {
+    sb_embedding_hold hold;
+    int cell; /* element, or element * faces + local face */
+    sb_real parameters[3], offset[3], carried[3];
+    sb_real gap; /* distance to the mesh (m) */
+} sbi_embed_place;
+
+struct sbi_embed_follower;
+
 struct sb_embedding {
     sb_allocator allocator;
     sb_element_type type;
+    sb_embedding_kind kind;
     sb_embedding_report report;
     sb_embedded_point *points; /* [point_count] */
     int *elements;             /* the mesh's */
     sbi_embed_face face;
+    sb_real scale;             /* largest coordinate of the mesh at creation (m) */
+    sb_vec3 *rest;             /* [point_count] (m) */
+    sb_vec3 *rest_normals;     /* [point_count] def.normals, or NULL */
+    int *order;                /* [point_count] along Morton's curve */
+    unsigned char *inside;     /* [point_count] 1: it was inside at creation */
+    struct sbi_embed_follower *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
 
     int group_count, task_count, slot_count;
     sbi_embed_group *groups;
@@ -54085,6 +54162,35 @@ SB_INLINE int sbi_embed_is_on_face(sb_embedding_hold hold)
 
 SB_INLINE int sbi_embed_tasks(int count, int size) { return count / size + (count % size > 0); }
 
+/* Allocates for the embedding; NULL (and *ok = 0) when memory is short. */
+SBI_API void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size);
+/* Rows of the indices i with keys[i] = row; keys < 0 belong to none. 0: no memory. */
+SBI_API int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists);
+SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists);
+
+/* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
+SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
+                                   const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info);
+SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index);
+
+/* What the arrays of an update are made of: places, and the mesh that they are in. */
+typedef struct sbi_embed_parts {
+    const sbi_embed_place *places; /* [count] */
+    const int *order;              /* [count] points along Morton's curve */
+    int count, with_normals;
+    int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
+    const int *elements;           /* [element_count][width] */
+    const int *outer;              /* [element_count][faces] row of weights of boundary faces, or -1 */
+    const sb_real *weights;        /* angles at their nodes (rad) */
+    const sbi_embed_face *face;
+    int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
+} sbi_embed_parts;
+SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES]);
+/* Fills the arrays of e, which are zeros before, in memory from e->allocator; the same for the same places and mesh. 0:
+ * no memory. */
+SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts);
+SBI_API void sbi_embed_free_arrays(sb_embedding *e);
+
 SBI_API void sbi_embed_cell_gather(const sb_embedding *e, const sbi_embed_group *group, const sb_vec3 *x,
                                    sbi_embed_cell *cell);
 /* Shape functions at the slots from `slot`; those of EXTRAPOLATED points become the weights of their nodes. */
@@ -54098,6 +54204,1387 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs);
 
 #endif /* SBI_EMBED_PRIVATE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_follow.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_follow: an embedding that follows a mesh in slots. Internal, floor 2; body_embed.c joins it with a body.
+ *
+ * It keeps the mesh at rest, the cells around each node and the outer faces, and changes them as the body's mesh changes.
+ * Every point keeps its place at rest (sb_embedding.rest), which is its material: the points of changed cells, and those
+ * outside that a changed node's face or cell holds, are placed anew from it. Three meshes are searched one after the
+ * other, until all have a place: the cells that the change made or reshaped, which take points inside them only; those
+ * around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits as before.
+ *
+ * Then the arrays that updates read are made again from the places, in the other one of two blocks of memory, which
+ * takes the place of the first when the change has happened. They depend on the places and the mesh alone. */
+#ifndef SBI_EMBED_FOLLOW_H
+#define SBI_EMBED_FOLLOW_H
+
+
+/* A mesh in slots. */
+typedef struct sbi_embed_slots {
+    int node_end, cell_end;
+    const sb_vec3 *nodes;      /* [node_end] at rest (m) */
+    const int *cells;          /* [cell_end][nodes per element] */
+    const unsigned char *used; /* [cell_end] 0: a free slot */
+} sbi_embed_slots;
+
+/* Whom it follows. */
+typedef struct sbi_embed_owner {
+    void *body; /* NULL: nobody any more */
+    int id;     /* of the listener */
+    sb_result (*refresh)(sb_embedding *embedding, sb_error *error); /* loads the body's mesh */
+    void (*leave)(sb_embedding *embedding);
+} sbi_embed_owner;
+
+/* Memory handed out from the front; giving it back does nothing. */
+typedef struct sbi_embed_pool {
+    unsigned char *base;
+    size_t size, used;
+    size_t wanted; /* more than size: what the call that failed would have needed */
+} sbi_embed_pool;
+
+/* A point placed anew; before and after a change, by turns. */
+typedef struct sbi_embed_swap {
+    int point, done;
+    sbi_embed_place place;
+    sb_embedded_point info;
+} sbi_embed_swap;
+
+typedef struct sbi_embed_follower {
+    sbi_embed_owner owner;
+    int stale;           /* 1: the mesh is another, and the points have no places in it for want of memory */
+    int width, faces, face_nodes, face_corners, local[6][SB_MAX_FACE_NODES];
+
+    int node_end, cell_end, node_room, cell_room;
+    sb_vec3 *nodes;      /* [node_room] */
+    int *cells;          /* [cell_room][width]; the first is -1 in a free slot */
+    int *first, *next;   /* [node_room], [cell_room][width]: lists of a node's corners, cell * width + local node; -1 ends */
+    int *outer;          /* [cell_room][faces] row of weights of outer faces, or -1 */
+    sb_real *weights;    /* [row_room][face_nodes] */
+    int *free_rows, free_count, row_fresh, row_room;
+
+    unsigned char *node_marks, *cell_marks; /* zeros between calls */
+    int *changed_nodes, changed_count;      /* [node_room] nodes of the cells that change */
+    int *part_cells, part_count;            /* [cell_room] cells that are searched, ascending */
+    int *part_nodes, part_node_count;       /* [node_room] */
+    int *number;                            /* [node_room] of a node in the mesh that is searched */
+
+    sbi_embed_place *places;                /* [point_count] */
+    sbi_embed_swap *swaps;
+    int swap_count, swap_room;
+
+    sbi_embed_pool arrays[2], scratch;
+    int current;                            /* the block of arrays that is read */
+    sb_embedding made;                      /* arrays in the other one */
+
+    const sb_mesh_change *change;           /* between reserve and what ends it */
+    sb_vec3 *old_nodes;                     /* [old_room] of the slots that made nodes take */
+    int old_room, old_node_end, old_cell_end;
+} sbi_embed_follower;
+
+/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, or where it follows a mesh
+ * already it is stale. */
+SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);
+/* Prepares a change of the mesh. On failure nothing has changed; after success one of the next two ends it. */
+SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
+SBI_API void sbi_embed_follower_follow(sb_embedding *e);
+SBI_API void sbi_embed_follower_give_up(sb_embedding *e);
+/* Leaves its owner and frees it with the arrays. */
+SBI_API void sbi_embed_follower_destroy(sb_embedding *e);
+
+/* 1: its points have no places in the mesh yet, and there is still no memory for it. */
+SB_INLINE int sbi_embed_is_stale(sb_embedding *e)
+{
+    return e->follower && e->follower->stale && e->follower->owner.refresh(e, NULL) != SB_OK;
+}
+
+#endif /* SBI_EMBED_FOLLOW_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_live.h ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_live: the mesh in slots that an embedding follows. Internal to embed, floor 2. */
+#ifndef SBI_EMBED_LIVE_H
+#define SBI_EMBED_LIVE_H
+
+
+/* Room for so many slots and rows of weights. 0: no memory, all as before. */
+SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows);
+/* Takes a whole mesh over; there is room for its slots. 0: no memory, and it has none then. */
+SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh);
+/* Makes f->change, or takes it back; there is room. changed_nodes lists the nodes of its cells afterwards, and marks are
+ * set: nodes of cells that change, and these cells. */
+SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back);
+SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f);
+
+#endif /* SBI_EMBED_LIVE_H */
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_place.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_place: how one point is held by the elements or faces of a volume mesh. */
+
+/* The offset of a point from x(xi) in the parameters of the element, corrected once for rounding. */
+static void sbi_embed_find_step(const sbi_embed_volume *volume, sb_vec3 point, sb_embedded_point *info)
+{
+    sb_mat3 jacobian, inverse;
+    sb_vec3 offset = sb_v3_sub(point, sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian)), step;
+    inverse = sb_m3_inverse(jacobian);
+    step = sb_m3_apply(inverse, offset);
+    step = sb_v3_add(step, sb_m3_apply(inverse, sb_v3_sub(offset, sb_m3_apply(jacobian, step))));
+    info->step[0] = step.x, info->step[1] = step.y, info->step[2] = step.z;
+    info->distance = sb_v3_norm(offset);
+}
+
+static void sbi_embed_place_foot(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sbi_embed_place *place,
+                                 sb_embedded_point *info)
+{
+    place->cell = foot->face;
+    place->parameters[0] = foot->r;
+    place->parameters[1] = foot->s;
+    place->parameters[2] = foot->distance;
+    info->element = sbi_embed_foot_element(volume, foot, info->xi);
+}
+
+/* How a point outside is held. */
+static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
+                                    const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
+{
+    sbi_embed_foot foot;
+    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
+        place->hold = SB_EMBEDDED_OFFSET;
+        sbi_embed_place_foot(volume, &foot, place, info);
+        return;
+    }
+    foot = sbi_embed_hit_foot(volume, hit);
+    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
+        sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
+        offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
+        place->hold = SB_EMBEDDED_FRAME;
+        sbi_embed_place_foot(volume, &foot, place, info);
+        place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
+        return;
+    }
+    place->hold = SB_EMBEDDED_EXTRAPOLATED;
+}
+
+/* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
+ * cof(F) N = cof(J') J^T N / det J; in the frame of a face E^T N. */
+static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 normal, const sb_embedded_point *info,
+                                   sbi_embed_place *place)
+{
+    sbi_embed_foot foot;
+    sb_mat3 jacobian;
+    sb_vec3 at, tangent[2], carried;
+    foot.face = place->cell;
+    foot.r = place->parameters[0], foot.s = place->parameters[1], foot.distance = place->parameters[2];
+    normal = sbi_embed_unit(normal);
+    if (place->hold == SB_EMBEDDED_FRAME) {
+        sbi_embed_foot_tangents(volume, &foot, tangent);
+        carried = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), normal);
+    } else {
+        if (place->hold == SB_EMBEDDED_OFFSET)
+            sbi_embed_foot_map(volume, &foot, &at, &jacobian);
+        else
+            sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian);
+        carried = sb_v3_scale(1 / sb_m3_det(jacobian), sb_m3_tapply(jacobian, normal));
+    }
+    place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
+}
+
+/* Places one point; *hint is an element nearby, and then the point's own. */
+/* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
+SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
+                                   const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info)
+{
+    sbi_embed_hit hit;
+    memset(place, 0, sizeof *place);
+    memset(info, 0, sizeof *info);
+    sbi_embed_closest(volume, point, *hint, &hit);
+    *hint = hit.element;
+    place->cell = info->element = hit.element;
+    place->gap = sb_sqrt(hit.distance2);
+    for (int k = 0; k < 3; k++)
+        place->parameters[k] = info->xi[k] = hit.xi[k];
+    if (hit.distance2 > 0) {
+        sbi_embed_place_outside(volume, kind, point, &hit, place, info);
+        sbi_embed_find_step(volume, point, info);
+        for (int k = 0; place->hold == SB_EMBEDDED_EXTRAPOLATED && k < 3; k++)
+            place->offset[k] = info->step[k];
+    }
+    info->hold = place->hold;
+    if (normal)
+        sbi_embed_place_normal(volume, *normal, info, place);
+    if (sbi_embed_is_on_face(place->hold))
+        place->cell = volume->boundary.elements[place->cell] * volume->faces + volume->boundary.faces[place->cell];
+}
+
+SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index)
+{
+    report->inside += place->hold == SB_EMBEDDED_INSIDE;
+    report->offset += place->hold == SB_EMBEDDED_OFFSET;
+    report->frame += place->hold == SB_EMBEDDED_FRAME;
+    report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
+    if (place->gap > report->max_distance) {
+        report->max_distance = place->gap;
+        report->farthest_point = index;
+    }
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_arrays.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_arrays: what updates read: points that share a cell in groups, smooth normals, nodes and who adds to them. */
+
+SBI_API void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size)
+{
+    void *pointer = *ok ? sbi_alloc(&e->allocator, count, size) : NULL;
+    if (!pointer)
+        *ok = 0;
+    return pointer;
+}
+
+SBI_API int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists)
+{
+    int ok = 1;
+    lists->rows = rows;
+    lists->starts = (int *)sbi_embed_take(e, &ok, (size_t)rows + 2, sizeof(int));
+    lists->items = (int *)sbi_embed_take(e, &ok, (size_t)count, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(lists->starts, 0, ((size_t)rows + 2) * sizeof(int));
+    for (int i = 0; i < count; i++)
+        if (keys[i] >= 0)
+            lists->starts[keys[i] + 2]++;
+    for (int r = 0; r < rows; r++)
+        lists->starts[r + 2] += lists->starts[r + 1];
+    for (int i = 0; i < count; i++) /* starts[r + 1] runs from the start of row r to its end */
+        if (keys[i] >= 0)
+            lists->items[lists->starts[keys[i] + 1]++] = i;
+    return 1;
+}
+
+SBI_API void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
+{
+    sbi_free(&e->allocator, lists->starts);
+    sbi_free(&e->allocator, lists->items);
+    memset(lists, 0, sizeof *lists);
+}
+/* An update's arrays under way. */
+typedef struct sbi_embed_filling {
+    sb_embedding *e;
+    const sbi_embed_parts *parts;
+    int *sorted; /* [parts->count] points by hold, then cell, then as in parts->order */
+} sbi_embed_filling;
+
+/* Fills sorted; items[parts->count] is scratch. */
+static int sbi_embed_sort_places(const sbi_embed_filling *build, int *items)
+{
+    const sbi_embed_parts *parts = build->parts;
+    int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
+    size_t rows = (size_t)parts->element_count * (size_t)parts->faces;
+    int *starts = (int *)sbi_embed_take(build->e, &ok, rows + 1, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(starts, 0, (rows + 1) * sizeof(int));
+    for (int i = 0; i < parts->count; i++) {
+        starts[parts->places[i].cell + 1]++;
+        hold_starts[(int)parts->places[i].hold + 1]++;
+    }
+    for (size_t r = 0; r < rows; r++)
+        starts[r + 1] += starts[r];
+    for (int h = 0; h < 4; h++)
+        hold_starts[h + 1] += hold_starts[h];
+    for (int i = 0; i < parts->count; i++)
+        items[starts[parts->places[parts->order[i]].cell]++] = parts->order[i];
+    for (int i = 0; i < parts->count; i++)
+        build->sorted[hold_starts[(int)parts->places[items[i]].hold]++] = items[i];
+    sbi_free(&build->e->allocator, starts);
+    return 1;
+}
+
+/* One more group from place i of the order on; returns where the next one starts. */
+static int sbi_embed_next_group(const sbi_embed_filling *build, int i, sbi_embed_group *group)
+{
+    const sbi_embed_place *first = &build->parts->places[build->sorted[i]];
+    int end = i + 1;
+    while (end < build->parts->count && end - i < SBI_EMBED_GROUP && build->parts->places[build->sorted[end]].hold == first->hold &&
+           build->parts->places[build->sorted[end]].cell == first->cell)
+        end++;
+    group->hold = first->hold;
+    group->count = end - i;
+    group->node_count = sbi_embed_is_on_face(first->hold) ? build->e->face.nodes : build->parts->width;
+    return end;
+}
+
+/* Nodes of a place's element or face; returns how many. */
+static int sbi_embed_cell_nodes(const sbi_embed_parts *parts, sb_embedding_hold hold, int cell,
+                                int nodes[SB_MAX_ELEMENT_NODES])
+{
+    int on_face = sbi_embed_is_on_face(hold), element = on_face ? cell / parts->faces : cell;
+    int count = on_face ? parts->face->nodes : parts->width;
+    const int *row = parts->elements + (size_t)element * (size_t)parts->width;
+    const int *local = parts->local[on_face ? cell % parts->faces : 0];
+    for (int a = 0; a < count; a++)
+        nodes[a] = row[on_face ? local[a] : a];
+    return count;
+}
+
+/* Counts groups, slots and node entries; 0 when they do not fit an int. */
+static int sbi_embed_count_groups(const sbi_embed_filling *build)
+{
+    sb_embedding *e = build->e;
+    long long slots = 0, entries = 0;
+    for (int i = 0; i < build->parts->count;) {
+        sbi_embed_group group;
+        i = sbi_embed_next_group(build, i, &group);
+        e->group_count++;
+        slots += (long long)sbi_embed_tasks(group.count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+        entries += group.node_count;
+    }
+    if (slots > INT_MAX || entries > INT_MAX / 2)
+        return 0;
+    e->slot_count = (int)slots;
+    e->group_entries = (int)entries;
+    e->task_count = sbi_embed_tasks(e->slot_count, SBI_EMBED_TASK_SLOTS);
+    return 1;
+}
+
+/* Slots of a group, with their numbers. from: its first place in the order. */
+static void sbi_embed_fill_slots(const sbi_embed_filling *build, const sbi_embed_group *group, int from)
+{
+    sb_embedding *e = build->e;
+    int padded = sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+    for (int s = 0; s < padded; s++) {
+        int point = build->sorted[from + sbi_min_int(s, group->count - 1)], slot = group->first + s;
+        e->slot_point[slot] = point;
+        for (int k = 0; k < 3; k++) {
+            e->parameters[k][slot] = build->parts->places[point].parameters[k];
+            if (e->offsets[0])
+                e->offsets[k][slot] = build->parts->places[point].offset[k];
+            if (e->carried[0])
+                e->carried[k][slot] = build->parts->places[point].carried[k];
+        }
+    }
+}
+
+static int sbi_embed_allocate_groups(const sbi_embed_filling *build)
+{
+    sb_embedding *e = build->e;
+    size_t slots = (size_t)e->slot_count;
+    int ok = 1, with_offsets = e->report.frame + e->report.extrapolated > 0;
+    e->groups = (sbi_embed_group *)sbi_embed_take(e, &ok, (size_t)e->group_count, sizeof(sbi_embed_group));
+    e->tasks = (int *)sbi_embed_take(e, &ok, (size_t)e->task_count + 1, sizeof(int));
+    e->slot_point = (int *)sbi_embed_take(e, &ok, slots, sizeof(int));
+    for (int k = 0; k < 3; k++) {
+        e->parameters[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+        if (with_offsets)
+            e->offsets[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+        if (build->parts->with_normals)
+            e->carried[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
+    }
+    return ok;
+}
+
+/* groups, slots and tasks, from the order by hold and cell. */
+static int sbi_embed_make_groups(const sbi_embed_filling *build)
+{
+    sb_embedding *e = build->e;
+    int slot = 0, entry = 0, task = 0;
+    if (!sbi_embed_count_groups(build) || !sbi_embed_allocate_groups(build))
+        return 0;
+    for (int g = 0, i = 0; g < e->group_count; g++) {
+        sbi_embed_group *group = &e->groups[g];
+        int from = i;
+        i = sbi_embed_next_group(build, i, group);
+        group->first = slot;
+        group->node_first = entry;
+        if (slot >= task * SBI_EMBED_TASK_SLOTS && task < e->task_count)
+            e->tasks[task++] = g;
+        sbi_embed_fill_slots(build, group, from);
+        slot += sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
+        entry += group->node_count;
+    }
+    e->task_count = task;
+    e->tasks[task] = e->group_count;
+    return 1;
+}
+
+/* ---- smooth normals and node entries ---- */
+
+/* Numbers the nodes that need smooth normals (ids: -1 or the number, by mesh node) and lists the boundary faces around
+ * them in faces, as element * faces + local face. */
+static void sbi_embed_pick_normals(const sbi_embed_filling *build, int *ids, int *faces)
+{
+    const sbi_embed_parts *parts = build->parts;
+    sb_embedding *e = build->e;
+    int nodes[SB_MAX_ELEMENT_NODES], rows = parts->element_count * parts->faces;
+    memset(ids, 0xff, (size_t)parts->node_count * sizeof(int));
+    for (int i = 0; i < parts->count; i++) {
+        if (parts->places[i].hold != SB_EMBEDDED_OFFSET)
+            continue;
+        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, parts->places[i].cell, nodes);
+        for (int a = 0; a < parts->face->nodes; a++)
+            if (ids[nodes[a]] < 0)
+                ids[nodes[a]] = e->normal_count++;
+    }
+    for (int f = 0; f < rows && e->normal_count > 0; f++) {
+        int wanted = 0;
+        if (parts->outer[f] < 0)
+            continue;
+        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, f, nodes);
+        for (int a = 0; a < parts->face->nodes; a++)
+            wanted |= ids[nodes[a]] >= 0;
+        if (wanted)
+            faces[e->face_count++] = f;
+    }
+}
+
+/* Fills nodes and normal_of of all entries, and the weights of the faces. */
+static void sbi_embed_fill_entries(const sbi_embed_filling *build, const int *ids, const int *faces)
+{
+    const sbi_embed_parts *parts = build->parts;
+    sb_embedding *e = build->e;
+    int nodes[SB_MAX_ELEMENT_NODES];
+    size_t width = (size_t)parts->face->nodes;
+    for (int g = 0; g < e->group_count; g++) {
+        const sbi_embed_group *group = &e->groups[g];
+        sbi_embed_cell_nodes(parts, group->hold, parts->places[e->slot_point[group->first]].cell, nodes);
+        for (int a = 0; a < group->node_count; a++) {
+            e->nodes[group->node_first + a] = nodes[a];
+            e->normal_of[group->node_first + a] = group->hold == SB_EMBEDDED_OFFSET ? ids[nodes[a]] : -1;
+        }
+    }
+    for (int f = 0; f < e->face_count; f++) {
+        size_t first = (size_t)f * width, entry = (size_t)e->group_entries + first;
+        sbi_embed_cell_nodes(parts, SB_EMBEDDED_OFFSET, faces[f], nodes);
+        memcpy(e->weights + first, parts->weights + (size_t)parts->outer[faces[f]] * width, sizeof(sb_real) * width);
+        for (size_t a = 0; a < width; a++) {
+            e->nodes[entry + a] = nodes[a];
+            e->normal_of[entry + a] = ids[nodes[a]];
+        }
+    }
+}
+
+/* touched and touched_nodes; rows[entry_count] is scratch. */
+static int sbi_embed_make_touched(sb_embedding *e, int node_count, int *rows)
+{
+    int ok = 1, *row_of = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
+    if (!ok)
+        return 0;
+    memset(row_of, 0xff, (size_t)node_count * sizeof(int));
+    for (int i = 0; i < e->entry_count; i++) {
+        if (row_of[e->nodes[i]] < 0)
+            row_of[e->nodes[i]] = e->touched_count++;
+        rows[i] = row_of[e->nodes[i]];
+    }
+    e->touched_nodes = (int *)sbi_embed_take(e, &ok, (size_t)e->touched_count, sizeof(int));
+    for (int i = 0; ok && i < e->entry_count; i++)
+        e->touched_nodes[rows[i]] = e->nodes[i];
+    sbi_free(&e->allocator, row_of);
+    return ok && sbi_embed_lists_make(e, rows, e->entry_count, e->touched_count, &e->touched);
+}
+
+static int sbi_embed_allocate_entries(sb_embedding *e)
+{
+    size_t entries = (size_t)e->entry_count, faces = (size_t)e->face_count, width = (size_t)e->face.nodes;
+    int ok = 1;
+    e->nodes = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
+    e->normal_of = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
+    e->weights = (sb_real *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_real));
+    e->face_normals = (sb_vec3 *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_vec3));
+    e->normals = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
+    e->lengths = (sb_real *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_real));
+    e->normal_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
+    e->entry_forces = (sb_vec3 *)sbi_embed_take(e, &ok, entries, sizeof(sb_vec3));
+    e->entry_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->group_entries, sizeof(sb_vec3));
+    return ok;
+}
+
+static int sbi_embed_make_entries(const sbi_embed_filling *build)
+{
+    sb_embedding *e = build->e;
+    int ok = 1, node_count = build->parts->node_count, *rows = NULL;
+    int *ids = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
+    int *faces = (int *)sbi_embed_take(e, &ok, (size_t)build->parts->outer_count, sizeof(int));
+    if (ok) {
+        long long entries;
+        sbi_embed_pick_normals(build, ids, faces);
+        entries = (long long)e->group_entries + (long long)e->face_count * e->face.nodes;
+        ok = entries <= INT_MAX;
+        e->entry_count = ok ? (int)entries : 0;
+    }
+    ok = ok && sbi_embed_allocate_entries(e);
+    rows = (int *)sbi_embed_take(e, &ok, (size_t)e->entry_count, sizeof(int));
+    if (ok) {
+        sbi_embed_fill_entries(build, ids, faces);
+        ok = sbi_embed_make_touched(e, node_count, rows) &&
+             sbi_embed_lists_make(e, e->normal_of + e->group_entries, e->entry_count - e->group_entries,
+                                  e->normal_count, &e->normal_faces) &&
+             sbi_embed_lists_make(e, e->normal_of, e->group_entries, e->normal_count, &e->normal_groups);
+    }
+    sbi_free(&e->allocator, rows);
+    sbi_free(&e->allocator, faces);
+    sbi_free(&e->allocator, ids);
+    return ok;
+}
+
+SBI_API void sbi_embed_fill_local(sb_element_type type, int local[6][SB_MAX_FACE_NODES])
+{
+    for (int f = 0; f < sb_element_face_count(type); f++)
+        sb_element_face(type, f, local[f], NULL);
+}
+
+SBI_API int sbi_embed_make_arrays(sb_embedding *e, const sbi_embed_parts *parts)
+{
+    sbi_embed_filling build;
+    int ok = 1, *items;
+    build.e = e;
+    build.parts = parts;
+    build.sorted = (int *)sbi_embed_take(e, &ok, (size_t)parts->count, sizeof(int));
+    items = (int *)sbi_embed_take(e, &ok, (size_t)parts->count, sizeof(int));
+    ok = ok && sbi_embed_sort_places(&build, items) && sbi_embed_make_groups(&build) && sbi_embed_make_entries(&build);
+    sbi_free(&e->allocator, items);
+    sbi_free(&e->allocator, build.sorted);
+    return ok;
+}
+
+SBI_API void sbi_embed_free_arrays(sb_embedding *e)
+{
+    const sb_allocator allocator = e->allocator;
+    for (int k = 0; k < 3; k++) {
+        sbi_free(&allocator, e->parameters[k]);
+        sbi_free(&allocator, e->offsets[k]);
+        sbi_free(&allocator, e->carried[k]);
+    }
+    sbi_embed_lists_free(e, &e->normal_faces);
+    sbi_embed_lists_free(e, &e->normal_groups);
+    sbi_embed_lists_free(e, &e->touched);
+    sbi_free(&allocator, e->groups);
+    sbi_free(&allocator, e->tasks);
+    sbi_free(&allocator, e->slot_point);
+    sbi_free(&allocator, e->nodes);
+    sbi_free(&allocator, e->normal_of);
+    sbi_free(&allocator, e->weights);
+    sbi_free(&allocator, e->touched_nodes);
+    sbi_free(&allocator, e->face_normals);
+    sbi_free(&allocator, e->normals);
+    sbi_free(&allocator, e->lengths);
+    sbi_free(&allocator, e->entry_forces);
+    sbi_free(&allocator, e->entry_pulls);
+    sbi_free(&allocator, e->normal_pulls);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_live.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_live: cells around nodes and outer faces of a mesh in slots, as it changes. */
+
+/* ---- memory ---- */
+
+/* More room for an array; 0: no memory. */
+static int sbi_embed_live_grow(const sb_embedding *e, void **array, size_t used, size_t room, size_t item)
+{
+    void *grown = sbi_alloc(&e->allocator, room, item);
+    if (!grown)
+        return 0;
+    if (used)
+        memcpy(grown, *array, used * item);
+    sbi_free(&e->allocator, *array);
+    *array = grown;
+    return 1;
+}
+
+/* Half as much again, so that a mesh that grows does not ask each time. */
+static int sbi_embed_live_roomy(int needed)
+{
+    return needed > INT_MAX / 2 ? needed : needed + needed / 2;
+}
+
+static int sbi_embed_live_node_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
+{
+    size_t used = (size_t)f->node_room, room = (size_t)sbi_embed_live_roomy(needed);
+    if (needed <= f->node_room)
+        return 1;
+    if (!sbi_embed_live_grow(e, (void **)&f->nodes, used, room, sizeof(sb_vec3)) ||
+        !sbi_embed_live_grow(e, (void **)&f->first, used, room, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->node_marks, used, room, 1) ||
+        !sbi_embed_live_grow(e, (void **)&f->changed_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->part_nodes, used, room, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->number, used, room, sizeof(int)))
+        return 0;
+    memset(f->nodes + used, 0, (room - used) * sizeof(sb_vec3));
+    memset(f->first + used, 0xff, (room - used) * sizeof(int));
+    memset(f->node_marks + used, 0, room - used);
+    memset(f->number + used, 0xff, (room - used) * sizeof(int));
+    f->node_room = (int)room;
+    return 1;
+}
+
+static int sbi_embed_live_cell_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
+{
+    size_t used = (size_t)f->cell_room, room, width = (size_t)f->width, faces = (size_t)f->faces;
+    if (needed <= f->cell_room)
+        return 1;
+    if (needed > INT_MAX / f->width)
+        return 0;
+    room = (size_t)sbi_min_int(sbi_embed_live_roomy(needed), INT_MAX / f->width);
+    if (!sbi_embed_live_grow(e, (void **)&f->cells, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->next, used * width, room * width, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->outer, used * faces, room * faces, sizeof(int)) ||
+        !sbi_embed_live_grow(e, (void **)&f->cell_marks, used, room, 1) ||
+        !sbi_embed_live_grow(e, (void **)&f->part_cells, used, room, sizeof(int)))
+        return 0;
+    memset(f->cells + used * width, 0xff, (room - used) * width * sizeof(int));
+    memset(f->outer + used * faces, 0xff, (room - used) * faces * sizeof(int));
+    memset(f->cell_marks + used, 0, room - used);
+    f->cell_room = (int)room;
+    return 1;
+}
+
+SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows)
+{
+    size_t used = (size_t)f->row_room, room = (size_t)sbi_embed_live_roomy(rows), width = (size_t)f->face_nodes;
+    if (!sbi_embed_live_node_room(e, f, nodes) || !sbi_embed_live_cell_room(e, f, cells))
+        return 0;
+    if (rows <= f->row_room)
+        return 1;
+    if (!sbi_embed_live_grow(e, (void **)&f->weights, used * width, room * width, sizeof(sb_real)) ||
+        !sbi_embed_live_grow(e, (void **)&f->free_rows, used, room, sizeof(int)))
+        return 0;
+    f->row_room = (int)room;
+    return 1;
+}
+
+/* ---- cells ---- */
+
+static void sbi_embed_live_set_cell(sbi_embed_follower *f, int cell, const int *nodes)
+{
+    for (int a = 0; a < f->width; a++) {
+        int corner = cell * f->width + a;
+        f->cells[corner] = nodes[a];
+        f->next[corner] = f->first[nodes[a]];
+        f->first[nodes[a]] = corner;
+    }
+}
+
+static void sbi_embed_live_drop_row(sbi_embed_follower *f, int key)
+{
+    if (f->outer[key] >= 0)
+        f->free_rows[f->free_count++] = f->outer[key];
+    f->outer[key] = -1;
+}
+
+static void sbi_embed_live_clear_cell(sbi_embed_follower *f, int cell)
+{
+    for (int a = 0; a < f->width; a++) {
+        int corner = cell * f->width + a, *at = &f->first[f->cells[corner]];
+        while (*at != corner)
+            at = &f->next[*at];
+        *at = f->next[corner];
+    }
+    for (int k = 0; k < f->faces; k++)
+        sbi_embed_live_drop_row(f, cell * f->faces + k);
+    f->cells[cell * f->width] = -1;
+}
+
+/* ---- outer faces ---- */
+
+/* 1 when no other cell has the corners of this face. */
+static int sbi_embed_live_is_outer(const sbi_embed_follower *f, int cell, const int *local)
+{
+    const int *nodes = f->cells + cell * f->width;
+    for (int at = f->first[nodes[local[0]]]; at >= 0; at = f->next[at]) {
+        const int *other = f->cells + at / f->width * f->width;
+        int shared = 1;
+        for (int c = 1; c < f->face_corners && shared && other != nodes; c++) {
+            int found = 0;
+            for (int a = 0; a < f->width && !found; a++)
+                found = other[a] == nodes[local[c]];
+            shared = found;
+        }
+        if (shared && other != nodes)
+            return 0;
+    }
+    return 1;
+}
+
+/* Whether a face is an outer one, and its weights. */
+static void sbi_embed_live_update_face(sbi_embed_follower *f, const sbi_embed_face *face, int cell, int k)
+{
+    int key = cell * f->faces + k, *row = &f->outer[key];
+    const int *local = f->local[k], *nodes = f->cells + cell * f->width;
+    sb_vec3 x[SB_MAX_FACE_NODES];
+    if (!sbi_embed_live_is_outer(f, cell, local)) {
+        sbi_embed_live_drop_row(f, key);
+        return;
+    }
+    if (*row < 0)
+        *row = f->free_count ? f->free_rows[--f->free_count] : f->row_fresh++;
+    for (int a = 0; a < f->face_nodes; a++)
+        x[a] = f->nodes[nodes[local[a]]];
+    for (int a = 0; a < f->face_nodes; a++)
+        f->weights[(size_t)*row * (size_t)f->face_nodes + (size_t)a] = sbi_embed_face_angle(face, x, a);
+}
+
+/* The faces all of whose nodes are marked: others have the neighbours and the shape that they had. */
+static void sbi_embed_live_update_faces(sbi_embed_follower *f, const sbi_embed_face *face)
+{
+    for (int i = 0; i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
+            const int *nodes = f->cells + at / f->width * f->width;
+            for (int k = 0; k < f->faces; k++) {
+                int all = f->local[k][0] == at % f->width;
+                for (int a = 0; a < f->face_nodes && all; a++)
+                    all = f->node_marks[nodes[f->local[k][a]]] != 0;
+                if (all)
+                    sbi_embed_live_update_face(f, face, at / f->width, k);
+            }
+        }
+}
+
+static int sbi_embed_live_count_outer(const sbi_embed_follower *f)
+{
+    int count = 0;
+    for (int c = 0; c < f->cell_end; c++)
+        for (int k = 0; k < f->faces && f->cells[c * f->width] >= 0; k++)
+            count += sbi_embed_live_is_outer(f, c, f->local[k]);
+    return count;
+}
+
+SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh)
+{
+    memset(f->first, 0xff, (size_t)f->node_room * sizeof(int));
+    memset(f->cells, 0xff, (size_t)f->cell_room * (size_t)f->width * sizeof(int));
+    memset(f->outer, 0xff, (size_t)f->cell_room * (size_t)f->faces * sizeof(int));
+    f->free_count = f->row_fresh = 0;
+    f->node_end = mesh->node_end;
+    f->cell_end = mesh->cell_end;
+    memcpy(f->nodes, mesh->nodes, (size_t)mesh->node_end * sizeof(sb_vec3));
+    for (int c = mesh->cell_end - 1; c >= 0; c--)
+        if (mesh->used[c])
+            sbi_embed_live_set_cell(f, c, mesh->cells + (size_t)c * (size_t)f->width);
+    if (!sbi_embed_live_room(e, f, f->node_end, f->cell_end, sbi_embed_live_count_outer(f)))
+        return 0;
+    for (int c = 0; c < mesh->cell_end; c++)
+        for (int k = 0; k < f->faces && mesh->used[c]; k++)
+            sbi_embed_live_update_face(f, &e->face, c, k);
+    return 1;
+}
+
+/* ---- changes ---- */
+
+static void sbi_embed_live_mark(sbi_embed_follower *f, const int *nodes)
+{
+    for (int a = 0; a < f->width; a++)
+        if (!f->node_marks[nodes[a]]) {
+            f->node_marks[nodes[a]] = 1;
+            f->changed_nodes[f->changed_count++] = nodes[a];
+        }
+}
+
+static void sbi_embed_live_mark_change(sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    size_t n = (size_t)f->width;
+    for (int i = 0; i < c->removed_cell_count; i++) {
+        f->cell_marks[c->removed_cells[i]] = 1;
+        sbi_embed_live_mark(f, c->removed_cell_nodes + (size_t)i * n);
+    }
+    for (int i = 0; i < c->made_cell_count; i++) {
+        f->cell_marks[c->made_cells[i]] = 1;
+        sbi_embed_live_mark(f, c->made_cell_nodes + (size_t)i * n);
+    }
+    for (int i = 0; i < c->reshaped_cell_count; i++) {
+        f->cell_marks[c->reshaped_cells[i]] = 1;
+        sbi_embed_live_mark(f, f->cells + (size_t)c->reshaped_cells[i] * n);
+    }
+}
+
+SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    for (int i = 0; i < c->removed_cell_count; i++)
+        f->cell_marks[c->removed_cells[i]] = 0;
+    for (int i = 0; i < c->made_cell_count; i++)
+        f->cell_marks[c->made_cells[i]] = 0;
+    for (int i = 0; i < c->reshaped_cell_count; i++)
+        f->cell_marks[c->reshaped_cells[i]] = 0;
+    for (int i = 0; i < f->changed_count; i++)
+        f->node_marks[f->changed_nodes[i]] = 0;
+    f->changed_count = 0;
+}
+
+static void sbi_embed_live_forward(sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    for (int i = 0; i < c->removed_cell_count; i++)
+        sbi_embed_live_clear_cell(f, c->removed_cells[i]);
+    f->old_node_end = f->node_end;
+    f->old_cell_end = f->cell_end;
+    f->node_end = c->node_end;
+    f->cell_end = c->cell_end;
+    for (int i = 0; i < c->made_node_count; i++) {
+        f->old_nodes[i] = f->nodes[c->made_nodes[i]];
+        f->nodes[c->made_nodes[i]] = c->made_positions[i];
+    }
+    for (int i = 0; i < c->moved_node_count; i++)
+        f->nodes[c->moved_nodes[i]] = c->moved_to[i];
+    for (int i = 0; i < c->made_cell_count; i++)
+        sbi_embed_live_set_cell(f, c->made_cells[i], c->made_cell_nodes + (size_t)i * (size_t)f->width);
+}
+
+static void sbi_embed_live_back(sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    for (int i = 0; i < c->made_cell_count; i++)
+        sbi_embed_live_clear_cell(f, c->made_cells[i]);
+    for (int i = 0; i < c->moved_node_count; i++)
+        f->nodes[c->moved_nodes[i]] = c->moved_from[i];
+    for (int i = c->made_node_count - 1; i >= 0; i--)
+        f->nodes[c->made_nodes[i]] = f->old_nodes[i];
+    f->node_end = f->old_node_end;
+    f->cell_end = f->old_cell_end;
+    for (int i = 0; i < c->removed_cell_count; i++)
+        sbi_embed_live_set_cell(f, c->removed_cells[i], c->removed_cell_nodes + (size_t)i * (size_t)f->width);
+}
+
+SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back)
+{
+    sbi_embed_live_mark_change(f);
+    if (back)
+        sbi_embed_live_back(f);
+    else
+        sbi_embed_live_forward(f);
+    sbi_embed_live_update_faces(f, face);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/geometry/embed_follow.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of updates. */
+
+
+/* ---- memory ---- */
+
+enum { SBI_EMBED_ALIGN = 64 };
+
+static void *sbi_embed_pool_take(void *user, size_t bytes)
+{
+    sbi_embed_pool *pool = (sbi_embed_pool *)user;
+    size_t rounded = bytes + (SBI_EMBED_ALIGN - 1);
+    void *start = pool->base + pool->used;
+    if (rounded < bytes || (rounded &= ~(size_t)(SBI_EMBED_ALIGN - 1)) > (size_t)-1 / 2 - pool->used)
+        return NULL;
+    if (rounded > pool->size - pool->used) {
+        pool->wanted = pool->used + rounded;
+        return NULL;
+    }
+    pool->used += rounded;
+    return start;
+}
+
+static void sbi_embed_pool_give(void *user, void *pointer)
+{
+    (void)user;
+    (void)pointer;
+}
+
+static sb_allocator sbi_embed_pool_begin(sbi_embed_pool *pool)
+{
+    sb_allocator allocator;
+    allocator.alloc = sbi_embed_pool_take;
+    allocator.release = sbi_embed_pool_give;
+    allocator.user = pool;
+    pool->used = pool->wanted = 0;
+    return allocator;
+}
+
+/* After a call failed for memory: 1 when it is worth trying again, in twice what it wanted. */
+static int sbi_embed_pool_grow(const sb_embedding *e, sbi_embed_pool *pool)
+{
+    unsigned char *base;
+    if (pool->wanted <= pool->size)
+        return 0;
+    base = (unsigned char *)sbi_alloc(&e->allocator, pool->wanted, 2);
+    if (!base)
+        return 0;
+    sbi_free(&e->allocator, pool->base);
+    pool->base = base;
+    pool->size = 2 * pool->wanted;
+    return 1;
+}
+
+static sb_result sbi_embed_follow_no_memory(const sb_embedding *e, sb_error *error)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for an embedding of %d points to follow its mesh",
+                    e->report.point_count);
+}
+
+static int sbi_embed_reserve_swaps(const sb_embedding *e, sbi_embed_follower *f, int count)
+{
+    sbi_embed_swap *swaps;
+    int room = count < INT_MAX / 2 ? count + count / 2 : count;
+    if (count <= f->swap_room)
+        return 1;
+    room = sbi_max_int(count, sbi_min_int(room, e->report.point_count));
+    swaps = (sbi_embed_swap *)sbi_alloc(&e->allocator, (size_t)room, sizeof *swaps);
+    if (!swaps)
+        return 0;
+    sbi_free(&e->allocator, f->swaps);
+    f->swaps = swaps;
+    f->swap_room = room;
+    return 1;
+}
+
+/* ---- a part of the mesh to search ---- */
+
+/* What is searched, in the order in which it is. */
+typedef enum sbi_embed_part {
+    SBI_EMBED_CHANGED = 0, /* cells made and reshaped */
+    SBI_EMBED_AROUND = 1,  /* cells around them, and the cells around these */
+    SBI_EMBED_ALL = 2
+} sbi_embed_part;
+
+enum { SBI_EMBED_CHANGES = 1, SBI_EMBED_SEARCHED = 2 }; /* marks of cells */
+enum { SBI_EMBED_NEAR = 2 };                            /* of nodes; 1: of a cell that changes */
+
+static void sbi_embed_mark_around(sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        f->cell_marks[at / f->width] |= SBI_EMBED_SEARCHED;
+}
+
+static void sbi_embed_mark_part(sbi_embed_follower *f, sbi_embed_part part)
+{
+    const sb_mesh_change *c = f->change;
+    for (int i = 0; part == SBI_EMBED_ALL && i < f->cell_end; i++)
+        f->cell_marks[i] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_CHANGED && i < c->made_cell_count; i++)
+        f->cell_marks[c->made_cells[i]] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_CHANGED && i < c->reshaped_cell_count; i++)
+        f->cell_marks[c->reshaped_cells[i]] |= SBI_EMBED_SEARCHED;
+    for (int i = 0; part == SBI_EMBED_AROUND && i < f->changed_count; i++)
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+            for (int a = 0; a < f->width; a++) {
+                int node = f->cells[at / f->width * f->width + a];
+                if (!(f->node_marks[node] & SBI_EMBED_NEAR)) {
+                    f->node_marks[node] |= SBI_EMBED_NEAR;
+                    f->part_nodes[f->part_node_count++] = node;
+                    sbi_embed_mark_around(f, node);
+                }
+            }
+    for (int i = 0; i < f->part_node_count; i++)
+        f->node_marks[f->part_nodes[i]] &= (unsigned char)~SBI_EMBED_NEAR;
+    f->part_node_count = 0;
+}
+
+/* Lists the marked cells. */
+static void sbi_embed_list_part(sbi_embed_follower *f)
+{
+    f->part_count = 0;
+    for (int i = 0; i < f->cell_end; i++)
+        if (f->cell_marks[i] & SBI_EMBED_SEARCHED && f->cells[i * f->width] >= 0)
+            f->part_cells[f->part_count++] = i;
+}
+
+static void sbi_embed_clear_part(sbi_embed_follower *f)
+{
+    for (int i = 0; i < f->cell_end; i++)
+        f->cell_marks[i] &= (unsigned char)~SBI_EMBED_SEARCHED;
+    f->part_count = 0;
+}
+
+/* The listed cells as a mesh. 0: no memory. */
+static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, const sb_allocator *allocator,
+                               sb_mesh *mesh)
+{
+    size_t corners = (size_t)f->part_count * (size_t)f->width;
+    memset(mesh, 0, sizeof *mesh);
+    mesh->allocator = *allocator;
+    mesh->element_type = e->type;
+    mesh->element_count = f->part_count;
+    mesh->elements = (int *)sbi_alloc(allocator, corners, sizeof(int));
+    if (!mesh->elements)
+        return 0;
+    for (size_t i = 0; i < corners; i++) {
+        int node = f->cells[f->part_cells[i / (size_t)f->width] * f->width + (int)(i % (size_t)f->width)];
+        if (f->number[node] < 0) {
+            f->number[node] = mesh->node_count++;
+            f->part_nodes[f->number[node]] = node;
+        }
+        mesh->elements[i] = f->number[node];
+    }
+    mesh->nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)mesh->node_count, sizeof(sb_vec3));
+    for (int i = 0; i < mesh->node_count; i++) {
+        if (mesh->nodes)
+            mesh->nodes[i] = f->nodes[f->part_nodes[i]];
+        f->number[f->part_nodes[i]] = -1;
+    }
+    return mesh->nodes != NULL;
+}
+
+/* Faces where the part ends but the mesh goes on hold no points. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+{
+    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
+        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
+        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
+            volume->boundary_face[cell * f->faces + local] = -1;
+    }
+}
+
+/* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
+static int sbi_embed_is_whole(const sbi_embed_follower *f, int node)
+{
+    for (int at = f->first[node]; at >= 0; at = f->next[at])
+        if (!(f->cell_marks[at / f->width] & SBI_EMBED_SEARCHED))
+            return 0;
+    return 1;
+}
+
+/* Whether a place found in a part is one in the mesh. */
+static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, const sbi_embed_place *place)
+{
+    int on_face = sbi_embed_is_on_face(place->hold), whole = 1;
+    int cell = on_face ? place->cell / f->faces : place->cell;
+    if (place->hold == SB_EMBEDDED_INSIDE || part == SBI_EMBED_ALL)
+        return 1;
+    if (part == SBI_EMBED_CHANGED || (on_face && f->outer[place->cell] < 0))
+        return 0;
+    for (int a = 0; a < (on_face ? f->face_nodes : f->width) && whole; a++)
+        whole = sbi_embed_is_whole(f, f->cells[cell * f->width + (on_face ? f->local[place->cell % f->faces][a] : a)]);
+    return whole;
+}
+
+/* Places what has no place yet; returns how many are left. */
+static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
+                                 const sbi_embed_volume *volume)
+{
+    int left = 0, hint = volume->order[0];
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_swap *swap = &f->swaps[i];
+        const sb_vec3 *normal = e->rest_normals ? e->rest_normals + swap->point : NULL;
+        if (i % SBI_EMBED_TASK_BUILD == 0) /* as at creation */
+            hint = volume->order[0];
+        if (swap->done)
+            continue;
+        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        swap->info.element = f->part_cells[swap->info.element];
+        if (sbi_embed_is_on_face(swap->place.hold))
+            swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
+        else
+            swap->place.cell = swap->info.element;
+        swap->done = sbi_embed_accepts(f, part, &swap->place);
+        left += !swap->done;
+    }
+    return left;
+}
+
+/* Searches the listed cells, with memory from allocator. */
+static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
+                                       const sb_allocator *allocator, int *left, sb_error *error)
+{
+    sbi_embed_volume volume;
+    sb_mesh mesh;
+    sb_result result = SB_ERROR_MEMORY;
+    if (sbi_embed_make_part(e, f, allocator, &mesh))
+        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+    if (result == SB_OK) {
+        volume.scale = e->scale;
+        sbi_embed_hide_cuts(f, &volume);
+        *left = sbi_embed_place_swaps(e, f, part, &volume);
+        sbi_embed_volume_free(&volume);
+    }
+    sb_mesh_free(&mesh);
+    return result == SB_ERROR_MEMORY ? sbi_embed_follow_no_memory(e, error) : result;
+}
+
+/* Places all swaps, from one part of the mesh on. */
+static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part from, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int left = f->swap_count;
+    for (int part = (int)from; part <= (int)SBI_EMBED_ALL && left > 0 && result == SB_OK; part++) {
+        sbi_embed_mark_part(f, (sbi_embed_part)part);
+        sbi_embed_list_part(f);
+        for (int again = f->part_count > 0; again;) {
+            sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
+            int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
+            result = sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
+            again = result == SB_ERROR_MEMORY && !whole && sbi_embed_pool_grow(e, &f->scratch);
+        }
+        sbi_embed_clear_part(f);
+    }
+    return result;
+}
+
+/* ---- which points, and their arrays ---- */
+
+/* 1 when the mesh around a place changes; marks are those of the change. */
+static int sbi_embed_is_changed(const sbi_embed_follower *f, const sbi_embed_place *place)
+{
+    int cell = sbi_embed_is_on_face(place->hold) ? place->cell / f->faces : place->cell;
+    if (f->cell_marks[cell])
+        return 1;
+    for (int a = 0; a < f->width && place->hold != SB_EMBEDDED_INSIDE; a++)
+        if (f->node_marks[f->cells[cell * f->width + a]])
+            return 1;
+    return 0;
+}
+
+static int sbi_embed_list_changed(const sb_embedding *e, sbi_embed_follower *f)
+{
+    int count = 0;
+    for (int p = 0; p < e->report.point_count; p++)
+        count += sbi_embed_is_changed(f, &f->places[p]);
+    if (!sbi_embed_reserve_swaps(e, f, count))
+        return 0;
+    f->swap_count = 0;
+    for (int p = 0; p < e->report.point_count && f->swap_count < count; p++)
+        if (sbi_embed_is_changed(f, &f->places[p])) {
+            f->swaps[f->swap_count].done = 0;
+            f->swaps[f->swap_count++].point = p;
+        }
+    return 1;
+}
+
+static void sbi_embed_swap_places(sb_embedding *e, sbi_embed_follower *f)
+{
+    for (int i = 0; i < f->swap_count; i++) {
+        sbi_embed_swap *swap = &f->swaps[i], before = *swap;
+        swap->place = f->places[swap->point];
+        swap->info = e->points[swap->point];
+        f->places[swap->point] = before.place;
+        e->points[swap->point] = before.info;
+    }
+}
+
+static void sbi_embed_fill_report(const sb_embedding *e, const sbi_embed_follower *f, sb_embedding_report *report)
+{
+    memset(report, 0, sizeof *report);
+    report->point_count = e->report.point_count;
+    report->node_count = f->node_end;
+    report->farthest_point = -1;
+    for (int p = 0; p < report->point_count; p++) {
+        sbi_embed_report_add(report, &f->places[p], p);
+        report->lost += e->inside[p] && f->places[p].hold != SB_EMBEDDED_INSIDE;
+    }
+}
+
+/* The arrays of updates, in the block that is not read. */
+static sb_result sbi_embed_make_next(const sb_embedding *e, sbi_embed_follower *f, sb_error *error)
+{
+    sbi_embed_pool *pool = &f->arrays[1 - f->current];
+    sbi_embed_parts parts;
+    memset(&parts, 0, sizeof parts);
+    parts.places = f->places;
+    parts.order = e->order;
+    parts.count = e->report.point_count;
+    parts.with_normals = e->rest_normals != NULL;
+    parts.node_count = f->node_end;
+    parts.element_count = f->cell_end;
+    parts.width = f->width;
+    parts.faces = f->faces;
+    parts.outer_count = f->row_fresh - f->free_count;
+    parts.elements = f->cells;
+    parts.outer = f->outer;
+    parts.weights = f->weights;
+    parts.face = &e->face;
+    memcpy(parts.local, f->local, sizeof parts.local);
+    do {
+        memset(&f->made, 0, sizeof f->made);
+        f->made.allocator = sbi_embed_pool_begin(pool);
+        f->made.type = e->type;
+        f->made.kind = e->kind;
+        f->made.face = e->face;
+        sbi_embed_fill_report(e, f, &f->made.report);
+        if (sbi_embed_make_arrays(&f->made, &parts))
+            return SB_OK;
+    } while (sbi_embed_pool_grow(e, pool));
+    return sbi_embed_follow_no_memory(e, error);
+}
+
+/* The arrays made become those that are read. */
+static void sbi_embed_adopt(sb_embedding *e, sbi_embed_follower *f)
+{
+    sb_embedding made = f->made;
+    if (!e->follower) { /* those of the creation */
+        sbi_embed_free_arrays(e);
+        sbi_free(&e->allocator, e->elements);
+    }
+    made.allocator = e->allocator;
+    made.points = e->points;
+    made.elements = f->cells;
+    made.scale = e->scale;
+    made.rest = e->rest;
+    made.rest_normals = e->rest_normals;
+    made.order = e->order;
+    made.inside = e->inside;
+    made.rings = e->rings;
+    made.follower = f;
+    *e = made;
+    f->current = 1 - f->current;
+    f->swap_count = 0;
+}
+
+/* ---- a whole mesh ---- */
+
+static void sbi_embed_follower_free(const sb_embedding *e, sbi_embed_follower *f)
+{
+    const sb_allocator *allocator = &e->allocator;
+    if (!f)
+        return;
+    sbi_free(allocator, f->nodes);
+    sbi_free(allocator, f->cells);
+    sbi_free(allocator, f->first);
+    sbi_free(allocator, f->next);
+    sbi_free(allocator, f->outer);
+    sbi_free(allocator, f->weights);
+    sbi_free(allocator, f->free_rows);
+    sbi_free(allocator, f->node_marks);
+    sbi_free(allocator, f->cell_marks);
+    sbi_free(allocator, f->changed_nodes);
+    sbi_free(allocator, f->part_cells);
+    sbi_free(allocator, f->part_nodes);
+    sbi_free(allocator, f->number);
+    sbi_free(allocator, f->places);
+    sbi_free(allocator, f->swaps);
+    sbi_free(allocator, f->arrays[0].base);
+    sbi_free(allocator, f->arrays[1].base);
+    sbi_free(allocator, f->scratch.base);
+    sbi_free(allocator, f->old_nodes);
+    sbi_free(allocator, f);
+}
+
+SBI_API void sbi_embed_follower_destroy(sb_embedding *e)
+{
+    if (e->follower->owner.body)
+        e->follower->owner.leave(e);
+    sbi_embed_follower_free(e, e->follower);
+    e->follower = NULL;
+}
+
+static sbi_embed_follower *sbi_embed_follower_make(const sb_embedding *e)
+{
+    sbi_embed_follower *f = (sbi_embed_follower *)sbi_alloc_zeroed(&e->allocator, 1, sizeof *f);
+    if (!f)
+        return NULL;
+    f->width = sb_element_node_count(e->type);
+    f->faces = sb_element_face_count(e->type);
+    f->face_nodes = e->face.nodes;
+    f->face_corners = e->face.corners;
+    sbi_embed_fill_local(e->type, f->local);
+    f->places = (sbi_embed_place *)sbi_alloc_zeroed(&e->allocator, (size_t)e->report.point_count, sizeof *f->places);
+    if (f->places)
+        return f;
+    sbi_embed_follower_free(e, f);
+    return NULL;
+}
+
+/* Places all points in a mesh and makes the arrays. */
+static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh,
+                                     sb_error *error)
+{
+    sb_result result;
+    if (!sbi_embed_live_room(e, f, mesh->node_end, mesh->cell_end, 0) || !sbi_embed_live_fill(e, f, mesh) ||
+        !sbi_embed_reserve_swaps(e, f, e->report.point_count))
+        return sbi_embed_follow_no_memory(e, error);
+    f->swap_count = e->report.point_count;
+    for (int i = 0; i < f->swap_count; i++) {
+        f->swaps[i].point = e->order[i];
+        f->swaps[i].done = 0;
+    }
+    result = sbi_embed_search(e, f, SBI_EMBED_ALL, error);
+    if (result != SB_OK)
+        return result;
+    sbi_embed_swap_places(e, f);
+    result = sbi_embed_make_next(e, f, error);
+    if (result != SB_OK)
+        sbi_embed_swap_places(e, f);
+    return result;
+}
+
+SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
+{
+    sbi_embed_follower *f = e->follower ? e->follower : sbi_embed_follower_make(e);
+    sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
+    if (result == SB_OK) {
+        f->stale = 0;
+        sbi_embed_adopt(e, f);
+    } else if (e->follower) {
+        f->stale = 1;
+    } else {
+        sbi_embed_follower_free(e, f);
+    }
+    return result;
+}
+
+/* ---- changes ---- */
+
+static int sbi_embed_reserve_mesh(const sb_embedding *e, sbi_embed_follower *f)
+{
+    const sb_mesh_change *c = f->change;
+    int64_t rows = (int64_t)f->row_fresh + (int64_t)f->faces * ((int64_t)c->made_cell_count + c->removed_cell_count);
+    if (rows > INT_MAX || !sbi_embed_live_room(e, f, sbi_max_int(f->node_end, c->node_end),
+                                               sbi_max_int(f->cell_end, c->cell_end), (int)rows))
+        return 0;
+    if (c->made_node_count > f->old_room) {
+        int room = c->made_node_count < INT_MAX / 2 ? 2 * c->made_node_count : c->made_node_count;
+        sb_vec3 *old_nodes = (sb_vec3 *)sbi_alloc(&e->allocator, (size_t)room, sizeof(sb_vec3));
+        if (!old_nodes)
+            return 0;
+        sbi_free(&e->allocator, f->old_nodes);
+        f->old_nodes = old_nodes;
+        f->old_room = room;
+    }
+    return 1;
+}
+
+SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error)
+{
+    sbi_embed_follower *f = e->follower;
+    sb_result result = f->stale ? f->owner.refresh(e, error) : SB_OK;
+    int known;
+    if (result != SB_OK)
+        return result;
+    f->change = change;
+    known = sbi_embed_reserve_mesh(e, f);
+    e->elements = f->cells; /* they may have moved */
+    if (!known)
+        return sbi_embed_follow_no_memory(e, error);
+    sbi_embed_live_apply(f, &e->face, 0);
+    result = sbi_embed_list_changed(e, f) ? sbi_embed_search(e, f, SBI_EMBED_CHANGED, error)
+                                          : sbi_embed_follow_no_memory(e, error);
+    sbi_embed_live_clear_marks(f);
+    if (result != SB_OK)
+        f->swap_count = 0;
+    sbi_embed_swap_places(e, f);
+    if (result == SB_OK && f->swap_count)
+        result = sbi_embed_make_next(e, f, error);
+    if (result != SB_OK)
+        sbi_embed_follower_give_up(e);
+    return result;
+}
+
+SBI_API void sbi_embed_follower_follow(sb_embedding *e)
+{
+    sbi_embed_follower *f = e->follower;
+    if (f->swap_count)
+        sbi_embed_adopt(e, f);
+    e->report.node_count = f->node_end;
+}
+
+SBI_API void sbi_embed_follower_give_up(sb_embedding *e)
+{
+    sbi_embed_follower *f = e->follower;
+    sbi_embed_swap_places(e, f);
+    f->swap_count = 0;
+    sbi_embed_live_apply(f, &e->face, 1);
+    sbi_embed_live_clear_marks(f);
+}
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/geometry/embed_update.c ==== */
@@ -54399,8 +55886,10 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
 {
     sbi_embed_frame frame;
     if (!embedding || !node_positions || !points ||
-        (normals && !embedding->carried[0] && !embedding->rings.starts))
+        (normals && !embedding->rest_normals && !embedding->rings.starts))
         return SB_ERROR_ARGUMENT;
+    if (sbi_embed_is_stale(embedding))
+        return SB_ERROR_MEMORY;
     memset(&frame, 0, sizeof frame);
     frame.embedding = embedding;
     frame.x = node_positions;
@@ -54611,6 +56100,8 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
     sbi_embed_frame frame;
     if (!embedding || !node_positions || !point_forces || !node_forces)
         return SB_ERROR_ARGUMENT;
+    if (sbi_embed_is_stale(embedding))
+        return SB_ERROR_MEMORY;
     memset(&frame, 0, sizeof frame);
     frame.embedding = embedding;
     frame.x = node_positions;
@@ -54627,199 +56118,63 @@ SB_API sb_result sb_embedding_forces(sb_embedding *embedding, const sb_vec3 *nod
 
 /* ==== src/softbody/geometry/embed.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* embed: creation: where each point is, groups of points that share a cell, normals, rings; readings. */
+/* embed: creation: where each point is, rings; readings. */
 
 #define SBI_EMBED_COOKIE 0x73626d31u
 
 /* ---- creation: where each point is ---- */
 
-/* A point's place while the embedding is made. */
-typedef struct sbi_embed_place {
-    sb_embedding_hold hold;
-    int cell; /* element, or boundary face */
-    sb_real parameters[3], offset[3], carried[3];
-    sb_real gap; /* distance to the mesh (m) */
-} sbi_embed_place;
-
 /* A creation under way. */
 typedef struct sbi_embed_build {
     const sb_embedding_def *def;
-    const sb_vec3 *rest;  /* the points */
+    const sb_vec3 *rest; /* the points */
     int count;
     sbi_embed_volume volume;
-    int *order;           /* points along Morton's curve; later by hold and cell */
-    uint32_t *scratch;    /* [3 count] */
-    int *hints;           /* element to start from for each task */
     sbi_embed_place *places;
     sb_embedding *e;
 } sbi_embed_build;
 
-/* The offset of a point from x(xi) in the parameters of the element, corrected once for rounding. */
-static void sbi_embed_find_step(const sbi_embed_volume *volume, sb_vec3 point, sb_embedded_point *info)
-{
-    sb_mat3 jacobian, inverse;
-    sb_vec3 offset = sb_v3_sub(point, sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian)), step;
-    inverse = sb_m3_inverse(jacobian);
-    step = sb_m3_apply(inverse, offset);
-    step = sb_v3_add(step, sb_m3_apply(inverse, sb_v3_sub(offset, sb_m3_apply(jacobian, step))));
-    info->step[0] = step.x, info->step[1] = step.y, info->step[2] = step.z;
-    info->distance = sb_v3_norm(offset);
-}
-
-static void sbi_embed_place_foot(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sbi_embed_place *place,
-                                 sb_embedded_point *info)
-{
-    place->cell = foot->face;
-    place->parameters[0] = foot->r;
-    place->parameters[1] = foot->s;
-    place->parameters[2] = foot->distance;
-    info->element = sbi_embed_foot_element(volume, foot, info->xi);
-}
-
-/* How a point outside is held. */
-static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
-                                    const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
-{
-    sbi_embed_foot foot;
-    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
-        place->hold = SB_EMBEDDED_OFFSET;
-        sbi_embed_place_foot(volume, &foot, place, info);
-        return;
-    }
-    foot = sbi_embed_hit_foot(volume, hit);
-    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
-        sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
-        offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
-        place->hold = SB_EMBEDDED_FRAME;
-        sbi_embed_place_foot(volume, &foot, place, info);
-        place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
-        return;
-    }
-    place->hold = SB_EMBEDDED_EXTRAPOLATED;
-}
-
-/* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
- * cof(F) N = cof(J') J^T N / det J; in the frame of a face E^T N. */
-static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 normal, const sb_embedded_point *info,
-                                   sbi_embed_place *place)
-{
-    sbi_embed_foot foot;
-    sb_mat3 jacobian;
-    sb_vec3 at, tangent[2], carried;
-    foot.face = place->cell;
-    foot.r = place->parameters[0], foot.s = place->parameters[1], foot.distance = place->parameters[2];
-    normal = sbi_embed_unit(normal);
-    if (place->hold == SB_EMBEDDED_FRAME) {
-        sbi_embed_foot_tangents(volume, &foot, tangent);
-        carried = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), normal);
-    } else {
-        if (place->hold == SB_EMBEDDED_OFFSET)
-            sbi_embed_foot_map(volume, &foot, &at, &jacobian);
-        else
-            sbi_embed_map(volume->mesh, info->element, info->xi, &jacobian);
-        carried = sb_v3_scale(1 / sb_m3_det(jacobian), sb_m3_tapply(jacobian, normal));
-    }
-    place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
-}
-
-/* Places one point; *hint is an element nearby, and then the point's own. */
-static void sbi_embed_place_point(sbi_embed_build *build, int index, int *hint)
-{
-    const sbi_embed_volume *volume = &build->volume;
-    sbi_embed_place *place = &build->places[index];
-    sb_embedded_point *info = &build->e->points[index];
-    sb_vec3 point = build->rest[index];
-    sbi_embed_hit hit;
-    memset(place, 0, sizeof *place);
-    memset(info, 0, sizeof *info);
-    sbi_embed_closest(volume, point, *hint, &hit);
-    *hint = hit.element;
-    place->cell = info->element = hit.element;
-    place->gap = sb_sqrt(hit.distance2);
-    for (int k = 0; k < 3; k++)
-        place->parameters[k] = info->xi[k] = hit.xi[k];
-    if (hit.distance2 > 0) {
-        sbi_embed_place_outside(volume, build->def->kind, point, &hit, place, info);
-        sbi_embed_find_step(volume, point, info);
-        for (int k = 0; place->hold == SB_EMBEDDED_EXTRAPOLATED && k < 3; k++)
-            place->offset[k] = info->step[k];
-    }
-    info->hold = place->hold;
-    if (build->def->normals)
-        sbi_embed_place_normal(volume, build->def->normals[index], info, place);
-}
 
 static void sbi_embed_task_place(void *user, int task)
 {
     sbi_embed_build *build = (sbi_embed_build *)user;
+    const sb_vec3 *normals = build->def->normals;
     int end = sbi_min_int((task + 1) * SBI_EMBED_TASK_BUILD, build->count), hint = build->volume.order[0];
-    for (int i = task * SBI_EMBED_TASK_BUILD; i < end; i++)
-        sbi_embed_place_point(build, build->order[i], &hint);
+    for (int i = task * SBI_EMBED_TASK_BUILD; i < end; i++) {
+        int p = build->e->order[i];
+        sbi_embed_place_point(&build->volume, build->def->kind, build->rest[p], normals ? normals + p : NULL, &hint,
+                              &build->places[p], &build->e->points[p]);
+    }
+}
+
+static sb_result sbi_embed_no_memory(sb_error *error, int count)
+{
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory to embed %d points", count);
 }
 
 /* Places all points and fills the report. */
 static sb_result sbi_embed_place_all(sbi_embed_build *build, sb_error *error)
 {
-    sb_embedding_report *report = &build->e->report;
+    sb_embedding *e = build->e;
+    sb_embedding_report *report = &e->report;
+    uint32_t *scratch = (uint32_t *)sbi_alloc(&e->allocator, (size_t)build->count, 3 * sizeof(uint32_t));
+    if (!scratch)
+        return sbi_embed_no_memory(error, build->count);
     report->point_count = build->count;
     report->node_count = build->def->mesh->node_count;
     report->farthest_point = -1;
-    sbi_embed_sort(build->rest, build->count, build->order, build->scratch);
+    sbi_embed_sort(build->rest, build->count, e->order, scratch);
+    sbi_free(&e->allocator, scratch);
     sbi_run(&build->def->jobs, sbi_embed_task_place, build, sbi_embed_tasks(build->count, SBI_EMBED_TASK_BUILD));
     for (int i = 0; i < build->count; i++) {
         const sbi_embed_place *place = &build->places[i];
         if (!(place->gap <= build->def->max_distance) || !(place->gap < (sb_real)0.5 * sb_sqrt(SB_REAL_MAX)))
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, i, "point %d lies %g m outside the mesh", i,
                                  (double)place->gap);
-        report->inside += place->hold == SB_EMBEDDED_INSIDE;
-        report->offset += place->hold == SB_EMBEDDED_OFFSET;
-        report->frame += place->hold == SB_EMBEDDED_FRAME;
-        report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
-        if (place->gap > report->max_distance) {
-            report->max_distance = place->gap;
-            report->farthest_point = i;
-        }
+        e->inside[i] = place->hold == SB_EMBEDDED_INSIDE;
+        sbi_embed_report_add(report, place, i);
     }
     return SB_OK;
-}
-
-/* ---- creation: arrays ---- */
-
-/* Allocates for the embedding; NULL (and *ok = 0) when memory is short. */
-static void *sbi_embed_take(const sb_embedding *e, int *ok, size_t count, size_t size)
-{
-    void *pointer = *ok ? sbi_alloc(&e->allocator, count, size) : NULL;
-    if (!pointer)
-        *ok = 0;
-    return pointer;
-}
-
-/* Rows of the indices i with keys[i] = row; keys < 0 belong to none. */
-static int sbi_embed_lists_make(const sb_embedding *e, const int *keys, int count, int rows, sbi_embed_lists *lists)
-{
-    int ok = 1;
-    lists->rows = rows;
-    lists->starts = (int *)sbi_embed_take(e, &ok, (size_t)rows + 2, sizeof(int));
-    lists->items = (int *)sbi_embed_take(e, &ok, (size_t)count, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(lists->starts, 0, ((size_t)rows + 2) * sizeof(int));
-    for (int i = 0; i < count; i++)
-        if (keys[i] >= 0)
-            lists->starts[keys[i] + 2]++;
-    for (int r = 0; r < rows; r++)
-        lists->starts[r + 2] += lists->starts[r + 1];
-    for (int i = 0; i < count; i++) /* starts[r + 1] runs from the start of row r to its end */
-        if (keys[i] >= 0)
-            lists->items[lists->starts[keys[i] + 1]++] = i;
-    return 1;
-}
-
-static void sbi_embed_lists_free(const sb_embedding *e, sbi_embed_lists *lists)
-{
-    sbi_free(&e->allocator, lists->starts);
-    sbi_free(&e->allocator, lists->items);
-    memset(lists, 0, sizeof *lists);
 }
 
 SB_API void sb_embedding_destroy(sb_embedding *embedding)
@@ -54828,276 +56183,19 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding)
     if (!embedding)
         return;
     allocator = embedding->allocator;
-    for (int k = 0; k < 3; k++) {
-        sbi_free(&allocator, embedding->parameters[k]);
-        sbi_free(&allocator, embedding->offsets[k]);
-        sbi_free(&allocator, embedding->carried[k]);
+    if (embedding->follower) {
+        sbi_embed_follower_destroy(embedding);
+    } else {
+        sbi_embed_free_arrays(embedding);
+        sbi_free(&allocator, embedding->elements);
     }
-    sbi_embed_lists_free(embedding, &embedding->normal_faces);
-    sbi_embed_lists_free(embedding, &embedding->normal_groups);
-    sbi_embed_lists_free(embedding, &embedding->touched);
     sbi_embed_lists_free(embedding, &embedding->rings);
     sbi_free(&allocator, embedding->points);
-    sbi_free(&allocator, embedding->elements);
-    sbi_free(&allocator, embedding->groups);
-    sbi_free(&allocator, embedding->tasks);
-    sbi_free(&allocator, embedding->slot_point);
-    sbi_free(&allocator, embedding->nodes);
-    sbi_free(&allocator, embedding->normal_of);
-    sbi_free(&allocator, embedding->weights);
-    sbi_free(&allocator, embedding->touched_nodes);
-    sbi_free(&allocator, embedding->face_normals);
-    sbi_free(&allocator, embedding->normals);
-    sbi_free(&allocator, embedding->lengths);
-    sbi_free(&allocator, embedding->entry_forces);
-    sbi_free(&allocator, embedding->entry_pulls);
-    sbi_free(&allocator, embedding->normal_pulls);
+    sbi_free(&allocator, embedding->rest);
+    sbi_free(&allocator, embedding->rest_normals);
+    sbi_free(&allocator, embedding->order);
+    sbi_free(&allocator, embedding->inside);
     sbi_free(&allocator, embedding);
-}
-
-static sb_result sbi_embed_no_memory(sb_error *error, int count)
-{
-    return sbi_fail(error, SB_ERROR_MEMORY, "no memory to embed %d points", count);
-}
-
-/* build->order = points by hold, then cell, then as before. */
-static int sbi_embed_sort_places(sbi_embed_build *build)
-{
-    int *scratch = (int *)build->scratch, rows = sbi_max_int(build->volume.mesh->element_count,
-                                                              build->volume.boundary.surface.element_count);
-    int hold_starts[5] = {0, 0, 0, 0, 0}, ok = 1;
-    int *starts = (int *)sbi_embed_take(build->e, &ok, (size_t)rows + 1, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(starts, 0, ((size_t)rows + 1) * sizeof(int));
-    for (int i = 0; i < build->count; i++) {
-        starts[build->places[i].cell + 1]++;
-        hold_starts[(int)build->places[i].hold + 1]++;
-    }
-    for (int r = 0; r < rows; r++)
-        starts[r + 1] += starts[r];
-    for (int h = 0; h < 4; h++)
-        hold_starts[h + 1] += hold_starts[h];
-    for (int i = 0; i < build->count; i++)
-        scratch[starts[build->places[build->order[i]].cell]++] = build->order[i];
-    for (int i = 0; i < build->count; i++)
-        build->order[hold_starts[(int)build->places[scratch[i]].hold]++] = scratch[i];
-    sbi_free(&build->e->allocator, starts);
-    return 1;
-}
-
-/* One more group from place i of the order on; returns where the next one starts. */
-static int sbi_embed_next_group(const sbi_embed_build *build, int i, sbi_embed_group *group)
-{
-    const sbi_embed_place *first = &build->places[build->order[i]];
-    int end = i + 1;
-    while (end < build->count && end - i < SBI_EMBED_GROUP && build->places[build->order[end]].hold == first->hold &&
-           build->places[build->order[end]].cell == first->cell)
-        end++;
-    group->hold = first->hold;
-    group->count = end - i;
-    group->node_count = sbi_embed_is_on_face(first->hold) ? build->e->face.nodes : build->volume.width;
-    return end;
-}
-
-static const int *sbi_embed_cell_nodes(const sbi_embed_build *build, sb_embedding_hold hold, int cell)
-{
-    const int *all = sbi_embed_is_on_face(hold) ? build->volume.boundary.surface.elements : build->def->mesh->elements;
-    return all + (size_t)cell * (size_t)(sbi_embed_is_on_face(hold) ? build->e->face.nodes : build->volume.width);
-}
-
-/* Counts groups, slots and node entries; 0 when they do not fit an int. */
-static int sbi_embed_count_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    long long slots = 0, entries = 0;
-    for (int i = 0; i < build->count;) {
-        sbi_embed_group group;
-        i = sbi_embed_next_group(build, i, &group);
-        e->group_count++;
-        slots += (long long)sbi_embed_tasks(group.count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entries += group.node_count;
-    }
-    if (slots > INT_MAX || entries > INT_MAX / 2)
-        return 0;
-    e->slot_count = (int)slots;
-    e->group_entries = (int)entries;
-    e->task_count = sbi_embed_tasks(e->slot_count, SBI_EMBED_TASK_SLOTS);
-    return 1;
-}
-
-/* Slots of a group, with their numbers. from: its first place in the order. */
-static void sbi_embed_fill_slots(const sbi_embed_build *build, const sbi_embed_group *group, int from)
-{
-    sb_embedding *e = build->e;
-    int padded = sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-    for (int s = 0; s < padded; s++) {
-        int point = build->order[from + sbi_min_int(s, group->count - 1)], slot = group->first + s;
-        e->slot_point[slot] = point;
-        for (int k = 0; k < 3; k++) {
-            e->parameters[k][slot] = build->places[point].parameters[k];
-            if (e->offsets[0])
-                e->offsets[k][slot] = build->places[point].offset[k];
-            if (e->carried[0])
-                e->carried[k][slot] = build->places[point].carried[k];
-        }
-    }
-}
-
-static int sbi_embed_allocate_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    size_t slots = (size_t)e->slot_count;
-    int ok = 1, with_offsets = e->report.frame + e->report.extrapolated > 0;
-    e->groups = (sbi_embed_group *)sbi_embed_take(e, &ok, (size_t)e->group_count, sizeof(sbi_embed_group));
-    e->tasks = (int *)sbi_embed_take(e, &ok, (size_t)e->task_count + 1, sizeof(int));
-    e->slot_point = (int *)sbi_embed_take(e, &ok, slots, sizeof(int));
-    for (int k = 0; k < 3; k++) {
-        e->parameters[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (with_offsets)
-            e->offsets[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-        if (build->def->normals)
-            e->carried[k] = (sb_real *)sbi_embed_take(e, &ok, slots, sizeof(sb_real));
-    }
-    return ok;
-}
-
-/* groups, slots and tasks, from the order by hold and cell. */
-static int sbi_embed_make_groups(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    int slot = 0, entry = 0, task = 0;
-    if (!sbi_embed_sort_places(build) || !sbi_embed_count_groups(build) || !sbi_embed_allocate_groups(build))
-        return 0;
-    for (int g = 0, i = 0; g < e->group_count; g++) {
-        sbi_embed_group *group = &e->groups[g];
-        int from = i;
-        i = sbi_embed_next_group(build, i, group);
-        group->first = slot;
-        group->node_first = entry;
-        if (slot >= task * SBI_EMBED_TASK_SLOTS && task < e->task_count)
-            e->tasks[task++] = g;
-        sbi_embed_fill_slots(build, group, from);
-        slot += sbi_embed_tasks(group->count, SBI_EMBED_LANES) * SBI_EMBED_LANES;
-        entry += group->node_count;
-    }
-    e->task_count = task;
-    e->tasks[task] = e->group_count;
-    return 1;
-}
-
-/* ---- creation: smooth normals and node entries ---- */
-
-/* Numbers the nodes that need smooth normals (ids: -1 or the number, by mesh node) and lists the boundary faces around
- * them in faces. */
-static void sbi_embed_pick_normals(sbi_embed_build *build, int *ids, int *faces)
-{
-    sb_embedding *e = build->e;
-    int width = e->face.nodes;
-    memset(ids, 0xff, (size_t)build->def->mesh->node_count * sizeof(int));
-    for (int i = 0; i < build->count; i++) {
-        const int *nodes = sbi_embed_cell_nodes(build, build->places[i].hold, build->places[i].cell);
-        for (int a = 0; a < width && build->places[i].hold == SB_EMBEDDED_OFFSET; a++)
-            if (ids[nodes[a]] < 0)
-                ids[nodes[a]] = e->normal_count++;
-    }
-    for (int f = 0; f < build->volume.boundary.surface.element_count; f++) {
-        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, f);
-        int wanted = 0;
-        for (int a = 0; a < width; a++)
-            wanted |= ids[nodes[a]] >= 0;
-        if (wanted)
-            faces[e->face_count++] = f;
-    }
-}
-
-/* Fills nodes and normal_of of all entries, and the weights of the faces. */
-static void sbi_embed_fill_entries(sbi_embed_build *build, const int *ids, const int *faces)
-{
-    sb_embedding *e = build->e;
-    int width = e->face.nodes;
-    for (int g = 0; g < e->group_count; g++) {
-        const sbi_embed_group *group = &e->groups[g];
-        int cell = build->places[e->slot_point[group->first]].cell;
-        const int *nodes = sbi_embed_cell_nodes(build, group->hold, cell);
-        for (int a = 0; a < group->node_count; a++) {
-            e->nodes[group->node_first + a] = nodes[a];
-            e->normal_of[group->node_first + a] = group->hold == SB_EMBEDDED_OFFSET ? ids[nodes[a]] : -1;
-        }
-    }
-    for (int f = 0; f < e->face_count; f++) {
-        const int *nodes = sbi_embed_cell_nodes(build, SB_EMBEDDED_OFFSET, faces[f]);
-        size_t first = (size_t)f * (size_t)width;
-        memcpy(e->weights + first, build->volume.weights + (size_t)faces[f] * (size_t)width,
-               sizeof(sb_real) * (size_t)width);
-        for (int a = 0; a < width; a++) {
-            e->nodes[(size_t)e->group_entries + first + (size_t)a] = nodes[a];
-            e->normal_of[(size_t)e->group_entries + first + (size_t)a] = ids[nodes[a]];
-        }
-    }
-}
-
-/* touched and touched_nodes; rows[entry_count] is scratch. */
-static int sbi_embed_make_touched(sb_embedding *e, int node_count, int *rows)
-{
-    int ok = 1, *row_of = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    if (!ok)
-        return 0;
-    memset(row_of, 0xff, (size_t)node_count * sizeof(int));
-    for (int i = 0; i < e->entry_count; i++) {
-        if (row_of[e->nodes[i]] < 0)
-            row_of[e->nodes[i]] = e->touched_count++;
-        rows[i] = row_of[e->nodes[i]];
-    }
-    e->touched_nodes = (int *)sbi_embed_take(e, &ok, (size_t)e->touched_count, sizeof(int));
-    for (int i = 0; ok && i < e->entry_count; i++)
-        e->touched_nodes[rows[i]] = e->nodes[i];
-    sbi_free(&e->allocator, row_of);
-    return ok && sbi_embed_lists_make(e, rows, e->entry_count, e->touched_count, &e->touched);
-}
-
-static int sbi_embed_allocate_entries(sb_embedding *e)
-{
-    size_t entries = (size_t)e->entry_count, faces = (size_t)e->face_count, width = (size_t)e->face.nodes;
-    int ok = 1;
-    e->nodes = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->normal_of = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
-    e->weights = (sb_real *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_real));
-    e->face_normals = (sb_vec3 *)sbi_embed_take(e, &ok, faces * width, sizeof(sb_vec3));
-    e->normals = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->lengths = (sb_real *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_real));
-    e->normal_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->normal_count, sizeof(sb_vec3));
-    e->entry_forces = (sb_vec3 *)sbi_embed_take(e, &ok, entries, sizeof(sb_vec3));
-    e->entry_pulls = (sb_vec3 *)sbi_embed_take(e, &ok, (size_t)e->group_entries, sizeof(sb_vec3));
-    return ok;
-}
-
-static int sbi_embed_make_entries(sbi_embed_build *build)
-{
-    sb_embedding *e = build->e;
-    int ok = 1, node_count = build->def->mesh->node_count, *rows = NULL;
-    int *ids = (int *)sbi_embed_take(e, &ok, (size_t)node_count, sizeof(int));
-    int *faces = (int *)sbi_embed_take(e, &ok, (size_t)build->volume.boundary.surface.element_count, sizeof(int));
-    if (ok) {
-        long long entries;
-        sbi_embed_pick_normals(build, ids, faces);
-        entries = (long long)e->group_entries + (long long)e->face_count * e->face.nodes;
-        ok = entries <= INT_MAX;
-        e->entry_count = ok ? (int)entries : 0;
-    }
-    ok = ok && sbi_embed_allocate_entries(e);
-    rows = (int *)sbi_embed_take(e, &ok, (size_t)e->entry_count, sizeof(int));
-    if (ok) {
-        sbi_embed_fill_entries(build, ids, faces);
-        ok = sbi_embed_make_touched(e, node_count, rows) &&
-             sbi_embed_lists_make(e, e->normal_of + e->group_entries, e->entry_count - e->group_entries,
-                                  e->normal_count, &e->normal_faces) &&
-             sbi_embed_lists_make(e, e->normal_of, e->group_entries, e->normal_count, &e->normal_groups);
-    }
-    sbi_free(&e->allocator, rows);
-    sbi_free(&e->allocator, faces);
-    sbi_free(&e->allocator, ids);
-    return ok;
 }
 
 /* ---- creation: rings ---- */
@@ -55241,6 +56339,8 @@ static sb_result sbi_embed_check_def(const sb_embedding_def *def, sbi_embed_buil
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.kind is %d", (int)def->kind);
     if (!(def->max_distance >= 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_distance is %g", (double)def->max_distance);
+    if (def->mesh->element_count > INT_MAX / 6)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh has more than %d elements", INT_MAX / 6);
     if (def->mesh->element_type == SB_CUSTOM)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "points cannot be embedded in custom elements");
     if (def->surface && (result = sbi_embed_check_surface(def, error)) != SB_OK)
@@ -55269,17 +56369,43 @@ static sb_result sbi_embed_build_all(sbi_embed_build *build, sb_error *error)
     int ok = 1;
     sb_result result;
     e->face = build->volume.face;
+    e->kind = build->def->kind;
+    e->scale = build->volume.scale;
     e->elements = (int *)sbi_embed_take(e, &ok, entries, sizeof(int));
     e->points = (sb_embedded_point *)sbi_embed_take(e, &ok, count, sizeof(sb_embedded_point));
-    build->order = (int *)sbi_embed_take(e, &ok, count, sizeof(int));
-    build->scratch = (uint32_t *)sbi_embed_take(e, &ok, count, 3 * sizeof(uint32_t));
+    e->order = (int *)sbi_embed_take(e, &ok, count, sizeof(int));
+    e->inside = (unsigned char *)sbi_embed_take(e, &ok, count, 1);
+    e->rest = (sb_vec3 *)sbi_embed_take(e, &ok, count, sizeof(sb_vec3));
+    if (build->def->normals)
+        e->rest_normals = (sb_vec3 *)sbi_embed_take(e, &ok, count, sizeof(sb_vec3));
     build->places = (sbi_embed_place *)sbi_embed_take(e, &ok, count, sizeof(sbi_embed_place));
     if (!ok)
         return sbi_embed_no_memory(error, build->count);
     memcpy(e->elements, build->def->mesh->elements, entries * sizeof(int));
+    memcpy(e->rest, build->rest, count * sizeof(sb_vec3));
+    if (build->def->normals)
+        memcpy(e->rest_normals, build->def->normals, count * sizeof(sb_vec3));
     result = sbi_embed_place_all(build, error);
-    if (result == SB_OK &&
-        (!sbi_embed_make_groups(build) || !sbi_embed_make_entries(build) || !sbi_embed_make_rings(build)))
+    if (result == SB_OK) {
+        sbi_embed_parts parts;
+        memset(&parts, 0, sizeof parts);
+        parts.places = build->places;
+        parts.order = e->order;
+        parts.count = build->count;
+        parts.with_normals = build->def->normals != NULL;
+        parts.node_count = build->def->mesh->node_count;
+        parts.element_count = build->def->mesh->element_count;
+        parts.width = build->volume.width;
+        parts.faces = build->volume.faces;
+        parts.outer_count = build->volume.boundary.surface.element_count;
+        parts.elements = e->elements;
+        parts.outer = build->volume.boundary_face;
+        parts.weights = build->volume.weights;
+        parts.face = &e->face;
+        sbi_embed_fill_local(e->type, parts.local);
+        ok = sbi_embed_make_arrays(e, &parts) && sbi_embed_make_rings(build);
+    }
+    if (result == SB_OK && !ok)
         result = sbi_embed_no_memory(error, build->count);
     return result;
 }
@@ -55305,8 +56431,6 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     } else {
         result = sbi_embed_no_memory(error, build.count);
     }
-    sbi_free(&def->allocator, build.order);
-    sbi_free(&def->allocator, build.scratch);
     sbi_free(&def->allocator, build.places);
     sbi_embed_volume_free(&build.volume);
     if (result == SB_OK)
@@ -55333,6 +56457,7 @@ SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index
     if (index < 0 || index >= embedding->report.point_count)
         return SB_ERROR_INDEX;
     *point = embedding->points[index];
+    point->lost = embedding->inside[index] && point->hold != SB_EMBEDDED_INSIDE;
     return SB_OK;
 }
 
@@ -55357,6 +56482,8 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
     size_t entries;
     if (!embedding || !rows)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the embedding or rows is NULL");
+    if (embedding->follower && embedding->follower->stale)
+        return sbi_fail(error, SB_ERROR_STATE, "the embedding has yet to follow a state that was loaded: update it first");
     width = sb_element_node_count(embedding->type);
     count = embedding->report.point_count;
     if (count > INT_MAX / width)
@@ -55396,6 +56523,102 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows)
     sbi_free(&allocator, rows->nodes);
     sbi_free(&allocator, rows->weights);
     memset(rows, 0, sizeof *rows);
+}
+#endif /* !defined(SB_NO_GEOMETRY) */
+
+/* ==== src/softbody/body/body_embed.c ==== */
+#if !defined(SB_NO_GEOMETRY)
+/* body_embed: an embedding as a listener of a body. */
+
+#include <string.h>
+
+
+static sb_result sbi_body_embed_load(sb_embedding *embedding, const sb_body *body, sb_error *error)
+{
+    sbi_embed_slots mesh;
+    mesh.node_end = body->domain.node_count;
+    mesh.cell_end = body->domain.cell_count;
+    mesh.nodes = body->reference;
+    mesh.cells = body->domain.cells;
+    mesh.used = body->live->cells.used;
+    return sbi_embed_follower_load(embedding, &mesh, error);
+}
+
+static sb_result sbi_body_embed_refresh(sb_embedding *embedding, sb_error *error)
+{
+    const sb_body *body = (const sb_body *)embedding->follower->owner.body;
+    return body ? sbi_body_embed_load(embedding, body, error) : SB_ERROR_MEMORY;
+}
+
+static void sbi_body_embed_leave(sb_embedding *embedding)
+{
+    sbi_embed_owner *owner = &embedding->follower->owner;
+    sb_body_unlisten((sb_body *)owner->body, owner->id);
+    owner->body = NULL;
+}
+
+/* ---- what the body calls ---- */
+
+static sb_result sbi_body_embed_reserve(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    (void)body;
+    return sbi_embed_follower_reserve((sb_embedding *)user, change, error);
+}
+
+static void sbi_body_embed_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    sb_embedding *embedding = (sb_embedding *)user;
+    if (change)
+        sbi_embed_follower_follow(embedding);
+    else
+        sbi_body_embed_load(embedding, body, NULL); /* or it is stale, and tries again later */
+}
+
+static void sbi_body_embed_give_up(void *user) { sbi_embed_follower_give_up((sb_embedding *)user); }
+
+static void sbi_body_embed_end(void *user) { ((sb_embedding *)user)->follower->owner.body = NULL; }
+
+SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error)
+{
+    sb_body_listener listener;
+    sb_result result;
+    int id;
+    if (!embedding || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_embedding_follow needs an embedding and a body");
+    if (embedding->follower && embedding->follower->owner.body)
+        return sbi_fail(error, SB_ERROR_STATE, "the embedding follows a body already");
+    if (embedding->type != body->domain.element_type)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an embedding in %s cannot follow a body of %s",
+                        sb_element_name(embedding->type), sb_element_name(body->domain.element_type));
+    memset(&listener, 0, sizeof listener);
+    listener.user = embedding;
+    listener.reserve = sbi_body_embed_reserve;
+    listener.follow = sbi_body_embed_follow;
+    listener.give_up = sbi_body_embed_give_up;
+    listener.end = sbi_body_embed_end;
+    result = sb_body_listen(body, &listener, &id, error);
+    if (result != SB_OK)
+        return result;
+    result = sbi_body_embed_load(embedding, body, error);
+    if (result != SB_OK) {
+        sb_body_unlisten(body, id);
+        return result;
+    }
+    embedding->follower->owner.body = body;
+    embedding->follower->owner.id = id;
+    embedding->follower->owner.refresh = sbi_body_embed_refresh;
+    embedding->follower->owner.leave = sbi_body_embed_leave;
+    return SB_OK;
+}
+
+SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding)
+{
+    if (!embedding)
+        return SB_ERROR_ARGUMENT;
+    if (!embedding->follower || !embedding->follower->owner.body)
+        return SB_ERROR_STATE;
+    sbi_body_embed_leave(embedding);
+    return SB_OK;
 }
 #endif /* !defined(SB_NO_GEOMETRY) */
 

@@ -444,6 +444,12 @@ static sb_embedding *world_embedding(world *w)
     return w->embedding;
 }
 
+static sb_embedding *world_following(world *w)
+{
+    CHECK_OK(sb_embedding_follow(world_embedding(w), world_idle(w), NULL));
+    return w->embedding;
+}
+
 static sb_surface *world_shape(world *w)
 {
     if (!w->shape)

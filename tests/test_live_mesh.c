@@ -746,7 +746,7 @@ static void test_listeners(void)
 {
     scene s = make_scene(NULL, NULL);
     follower first = {0, 0, 0, 0}, second = {0, 0, 0, 0};
-    sb_body_listener calls = {NULL, follower_reserve, follower_follow, follower_give_up};
+    sb_body_listener calls = {NULL, follower_reserve, follower_follow, follower_give_up, NULL};
     int ids[2];
     uint64_t hash = sb_body_state_hash(s.body);
     sb_error error;

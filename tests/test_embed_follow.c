@@ -1,0 +1,444 @@
+/* Embeddings follow the changes of a body's mesh: points keep their material, forces their sums, bits what they were. */
+#include "softbody.h"
+
+#include "check.h"
+#include "scene.h"
+
+enum { FOLLOW_POINTS = 400, FOLLOW_RING = 128, FOLLOW_OPS = 12 };
+
+/* A body whose mesh may change, and an embedding of points inside and around it that follows. */
+typedef struct follow_case {
+    sb_mesh mesh;
+    sb_body *body;
+    sb_embedding *embedding;
+    sb_vec3 points[FOLLOW_POINTS], normals[FOLLOW_POINTS], out[FOLLOW_POINTS], out_normals[FOLLOW_POINTS];
+} follow_case;
+
+static const sb_real follow_size[3] = {REAL(0.2), REAL(0.15), REAL(0.1)};
+
+static void follow_make(follow_case *c, sb_element_type type, sb_embedding_kind kind, const sb_allocator *allocator,
+                        double slack, unsigned long long seed)
+{
+    sb_body_def def = sb_default_body_def();
+    sb_embedding_def points = sb_default_embedding_def();
+    sb_error error;
+    memset(c, 0, sizeof *c);
+    c->mesh = scene_box(type, 4, 3, 2, sb_v3(follow_size[0], follow_size[1], follow_size[2]), 0.1);
+    def.mesh = &c->mesh;
+    def.slack = slack;
+    if (allocator)
+        def.allocator = points.allocator = *allocator;
+    def.material = sb_material_neo_hookean(5000, REAL(0.4), 1000);
+    CHECK_OK(sb_body_create(&def, &c->body, &error));
+    for (int i = 0; i < FOLLOW_POINTS; i++) {
+        double margin = i % 2 ? 0.01 : -0.005, x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = check_random_in(&seed, -margin, (double)follow_size[k] + margin);
+        c->points[i] = sb_v3(REAL(x[0]), REAL(x[1]), REAL(x[2]));
+        c->normals[i] = sb_v3(REAL(check_random(&seed) + 0.1), REAL(check_random(&seed)), REAL(check_random(&seed)));
+    }
+    points.mesh = &c->mesh;
+    points.points = c->points;
+    points.normals = c->normals;
+    points.point_count = FOLLOW_POINTS;
+    points.kind = kind;
+    CHECK_OK(sb_embedding_create(&points, &c->embedding, &error));
+}
+
+static void follow_free(follow_case *c)
+{
+    sb_embedding_destroy(c->embedding);
+    sb_body_destroy(c->body);
+    sb_mesh_free(&c->mesh);
+}
+
+/* ---- changes ---- */
+
+typedef struct follow_op {
+    int kind; /* 0 edge split, 1 slide, 2 removal */
+    int corners[2], node, cells, cell[FOLLOW_RING], nodes[FOLLOW_RING][SB_MAX_ELEMENT_NODES], more, made[FOLLOW_RING];
+    sb_vec3 from;
+} follow_op;
+
+static int follow_pick(const sb_body *body, unsigned long long *seed)
+{
+    for (;;) {
+        int e = (int)(check_random(seed) * sb_body_element_count(body));
+        if (sb_body_cell_in_use(body, e))
+            return e;
+    }
+}
+
+static int follow_has(const int *cell, int width, int node)
+{
+    for (int a = 0; a < width; a++)
+        if (cell[a] == node)
+            return 1;
+    return 0;
+}
+
+static sb_result follow_split(sb_body *body, follow_op *o, sb_body_change *change, unsigned long long *seed)
+{
+    sb_real weights[2];
+    const sb_vec3 *x = sb_body_rest_positions(body);
+    sb_result result;
+    weights[0] = REAL(check_random_in(seed, 0.3, 0.7));
+    weights[1] = 1 - weights[0];
+    for (int e = 0; e < sb_body_element_count(body); e++) {
+        const int *nodes = sb_body_cell_nodes(body, e);
+        if (nodes && follow_has(nodes, 4, o->corners[0]) && follow_has(nodes, 4, o->corners[1]) && o->cells < FOLLOW_RING) {
+            o->cell[o->cells] = e;
+            memcpy(o->nodes[o->cells++], nodes, 4 * sizeof(int));
+        }
+    }
+    result = sb_body_change_add_node(change,
+                                     sb_v3_add(sb_v3_scale(weights[0], x[o->corners[0]]), sb_v3_scale(weights[1], x[o->corners[1]])),
+                                     o->corners, weights, 2, 0, &o->node, NULL);
+    for (int i = 0; i < 2 * o->cells && result == SB_OK; i++) {
+        sb_change_cell cell = sb_default_change_cell();
+        int nodes[4];
+        for (int a = 0; a < 4; a++)
+            nodes[a] = o->nodes[i / 2][a] == o->corners[i % 2] ? o->node : o->nodes[i / 2][a];
+        cell.nodes = nodes;
+        cell.parent = o->cell[i / 2];
+        result = i % 2 ? sb_body_change_add_cell(change, &cell, &o->made[o->more++], NULL)
+                       : sb_body_change_replace_cell(change, o->cell[i / 2], &cell, NULL);
+    }
+    return result;
+}
+
+/* A change at random; a refused one changes nothing. */
+static sb_result follow_change(sb_body *body, follow_op *o, int kind, int width, unsigned long long *seed)
+{
+    sb_body_change *change;
+    int cell = follow_pick(body, seed), corner = (int)(check_random(seed) * 4), counts[SB_MAX_ELEMENT_NODES] = {0};
+    const int *nodes = sb_body_cell_nodes(body, cell);
+    sb_result result = sb_body_change_begin(body, &change, NULL);
+    if (!CHECK_OK(result))
+        return result;
+    memset(o, 0, sizeof *o);
+    o->kind = kind;
+    o->corners[0] = o->node = nodes[corner];
+    o->corners[1] = nodes[(corner + 1 + (int)(check_random(seed) * 3)) % 4];
+    if (kind == 0) {
+        result = follow_split(body, o, change, seed);
+    } else if (kind == 1) {
+        sb_real step = REAL(check_random_in(seed, 0.05, 0.3)), weights[2];
+        o->from = sb_body_rest_positions(body)[o->node];
+        weights[0] = 1 - step;
+        weights[1] = step;
+        result = sb_body_change_move_node(
+            change, o->node, sb_v3_madd(sb_v3_scale(weights[0], o->from), step, sb_body_rest_positions(body)[o->corners[1]]),
+            o->corners, weights, 2, NULL);
+    } else {
+        o->cell[0] = cell;
+        o->cells = 1;
+        memcpy(o->nodes[0], nodes, (size_t)width * sizeof(int));
+        for (int e = 0; e < sb_body_element_count(body); e++)
+            for (int a = 0; a < width && sb_body_cell_in_use(body, e); a++)
+                counts[a] += follow_has(sb_body_cell_nodes(body, e), width, o->nodes[0][a]);
+        for (int a = 0; a < width; a++)
+            if (counts[a] == 1)
+                result = SB_ERROR_MESH;
+        if (result == SB_OK)
+            result = sb_body_change_remove_cell(change, cell, NULL);
+    }
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, NULL);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+static sb_result follow_undo(sb_body *body, const follow_op *o)
+{
+    sb_body_change *change;
+    sb_real halves[2] = {REAL(0.5), REAL(0.5)};
+    sb_result result = sb_body_change_begin(body, &change, NULL);
+    for (int i = o->more - 1; i >= 0 && result == SB_OK; i--)
+        result = sb_body_change_remove_cell(change, o->made[i], NULL);
+    for (int i = 0; i < o->cells && result == SB_OK; i++) {
+        sb_change_cell cell = sb_default_change_cell();
+        int number;
+        cell.nodes = o->nodes[i];
+        result = o->kind == 2 ? sb_body_change_add_cell(change, &cell, &number, NULL)
+                              : sb_body_change_replace_cell(change, o->cell[i], &cell, NULL);
+    }
+    if (result == SB_OK && o->kind == 0)
+        result = sb_body_change_remove_node(change, o->node, o->corners, halves, 2, NULL);
+    if (result == SB_OK && o->kind == 1)
+        result = sb_body_change_move_node(change, o->node, o->from, NULL, NULL, 0, NULL);
+    if (result == SB_OK)
+        result = sb_body_change_commit(change, NULL);
+    if (result != SB_OK)
+        sb_body_change_cancel(change);
+    return result;
+}
+
+/* ---- what must hold ---- */
+
+static double follow_off(sb_vec3 a, sb_vec3 b) { return (double)sb_v3_norm(sb_v3_sub(a, b)); }
+
+static sb_vec3 follow_affine(sb_vec3 x, int rigid)
+{
+    if (rigid)
+        return sb_v3(REAL(0.6) * x.x - REAL(0.8) * x.y + 1, REAL(0.8) * x.x + REAL(0.6) * x.y, x.z - REAL(0.5));
+    return sb_v3(REAL(1.1) * x.x + REAL(0.2) * x.y, REAL(0.9) * x.y - REAL(0.1) * x.z, x.z + REAL(0.3) * x.x + REAL(0.1));
+}
+
+static sb_vec3 follow_bend(sb_vec3 x)
+{
+    return sb_v3(x.x + 2 * x.y * x.z, x.y + x.x * x.x - x.z * x.z, x.z + 3 * x.x * x.y);
+}
+
+/* Points at rest, turned, and stretched; forces keep sum and moment. */
+static void follow_check(follow_case *c, sb_embedding_kind kind)
+{
+    int nodes = sb_body_node_count(c->body);
+    const sb_vec3 *rest = sb_body_rest_positions(c->body);
+    sb_vec3 *x = (sb_vec3 *)calloc((size_t)nodes, sizeof *x), *f = (sb_vec3 *)calloc((size_t)nodes, sizeof *f);
+    double worst = 0, tolerance = scene_tolerance(1e-15, 20), moment[6] = {0};
+    CHECK_INT(sb_embedding_get_report(c->embedding).node_count, nodes);
+    for (int way = 0; way < 3; way++) {
+        for (int i = 0; i < nodes; i++)
+            x[i] = way == 0 ? rest[i] : follow_affine(rest[i], way == 1);
+        CHECK_OK(sb_embedding_update(c->embedding, x, c->out, c->out_normals, NULL));
+        for (int p = 0; p < FOLLOW_POINTS; p++) {
+            sb_vec3 truth = way == 0 ? c->points[p] : follow_affine(c->points[p], way == 1);
+            sb_embedded_point place;
+            CHECK_OK(sb_embedding_get_point(c->embedding, p, &place));
+            if (way < 2 || kind == SB_EMBED_PLAIN || place.hold == SB_EMBEDDED_INSIDE)
+                worst = fmax(worst, follow_off(c->out[p], truth));
+            if (way == 0)
+                worst = fmax(worst, 0.1 * follow_off(c->out_normals[p], sb_v3_scale(1 / sb_v3_norm(c->normals[p]), c->normals[p])));
+        }
+    }
+    if (!CHECK(worst < tolerance))
+        printf("off by %.3g m\n", worst);
+    CHECK_OK(sb_embedding_forces(c->embedding, x, c->normals, f, NULL));
+    for (int i = 0; i < nodes + FOLLOW_POINTS; i++) {
+        sb_vec3 at = i < nodes ? x[i] : c->out[i - nodes], force = i < nodes ? f[i] : c->normals[i - nodes];
+        sb_vec3 turn = sb_v3_cross(at, force);
+        double sign = i < nodes ? 1 : -1;
+        const double all[6] = {(double)force.x, (double)force.y, (double)force.z,
+                               (double)turn.x, (double)turn.y, (double)turn.z};
+        for (int k = 0; k < 6; k++)
+            moment[k] += sign * all[k];
+    }
+    for (int k = 0; k < 6; k++)
+        CHECK(fabs(moment[k]) < scene_tolerance(1e-12, 10) * FOLLOW_POINTS);
+    free(x);
+    free(f);
+}
+
+/* Largest distance, in a bent shape, of points from those of an embedding made anew on the mesh. */
+static double follow_against_fresh(follow_case *c, int *compared)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *fresh = NULL;
+    sb_mesh mesh;
+    sb_error error;
+    int nodes = sb_body_node_count(c->body), *number = (int *)calloc((size_t)nodes, sizeof(int));
+    sb_vec3 *x = (sb_vec3 *)calloc((size_t)nodes, sizeof *x), *y = (sb_vec3 *)calloc((size_t)nodes, sizeof *y);
+    double worst = 0;
+    CHECK_OK(sb_body_get_mesh(c->body, NULL, &mesh, number, NULL, &error));
+    def.mesh = &mesh;
+    def.points = c->points;
+    def.point_count = FOLLOW_POINTS;
+    CHECK_OK(sb_embedding_create(&def, &fresh, &error));
+    for (int i = 0; i < nodes; i++) {
+        x[i] = follow_bend(sb_body_rest_positions(c->body)[i]);
+        if (number[i] >= 0)
+            y[number[i]] = x[i];
+    }
+    CHECK_OK(sb_embedding_update(c->embedding, x, c->out, NULL, NULL));
+    CHECK_OK(sb_embedding_update(fresh, y, c->out_normals, NULL, NULL));
+    *compared = 0;
+    for (int p = 0; p < FOLLOW_POINTS; p++) {
+        sb_embedded_point a, b;
+        CHECK_OK(sb_embedding_get_point(c->embedding, p, &a));
+        CHECK_OK(sb_embedding_get_point(fresh, p, &b));
+        if (a.hold == SB_EMBEDDED_INSIDE)
+            CHECK(b.hold == SB_EMBEDDED_INSIDE);
+        if (a.hold == b.hold && a.hold != SB_EMBEDDED_FRAME) { /* of a point closest to an edge, either face may hold the frame */
+            worst = fmax(worst, follow_off(c->out[p], c->out_normals[p]));
+            ++*compared;
+        }
+    }
+    sb_embedding_destroy(fresh);
+    sb_mesh_free(&mesh);
+    free(number);
+    free(x);
+    free(y);
+    return worst;
+}
+
+/* ---- tests ---- */
+
+static void test_follow_random(void)
+{
+    for (int round = 0; round < 4; round++) {
+        sb_embedding_kind kind = round % 2 ? SB_EMBED_PLAIN : SB_EMBED_SMOOTH;
+        unsigned long long seed = 100 + (unsigned long long)round;
+        int counts[3] = {0, 0, 0}, compared, lost = 0;
+        follow_case c;
+        follow_op o;
+        follow_make(&c, SB_TET4, kind, NULL, round < 2 ? 1 : 0.05, seed);
+        CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+        for (int k = 0; k < 60; k++) {
+            int op = k % 5 == 4 ? 2 : k % 2;
+            if (follow_change(c.body, &o, op, 4, &seed) != SB_OK)
+                continue;
+            counts[op]++;
+            follow_check(&c, kind);
+            if (kind == SB_EMBED_SMOOTH)
+                CHECK(follow_against_fresh(&c, &compared) < scene_tolerance(1e-15, 20));
+            if (kind == SB_EMBED_SMOOTH)
+                CHECK(compared > 9 * FOLLOW_POINTS / 10);
+        }
+        for (int op = 0; op < 3; op++)
+            CHECK(counts[op] > 4);
+        for (int p = 0; p < FOLLOW_POINTS; p++) {
+            sb_embedded_point place;
+            CHECK_OK(sb_embedding_get_point(c.embedding, p, &place));
+            lost += place.lost;
+        }
+        CHECK_INT(sb_embedding_get_report(c.embedding).lost, lost);
+        CHECK(lost > 0);
+        follow_free(&c);
+    }
+}
+
+/* Elements with curved faces and boxes: their cells can be removed and made again. */
+static void test_follow_elements(void)
+{
+    static const sb_element_type types[4] = {SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27};
+    for (int t = 0; t < 4; t++) {
+        unsigned long long seed = 7;
+        int done = 0;
+        follow_case c;
+        follow_op o;
+        follow_make(&c, types[t], SB_EMBED_SMOOTH, NULL, 0.5, seed);
+        CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+        for (int k = 0; k < 200 && done < 2; k++)
+            if (follow_change(c.body, &o, 2, sb_element_node_count(types[t]), &seed) == SB_OK) {
+                follow_check(&c, SB_EMBED_SMOOTH);
+                CHECK_OK(follow_undo(c.body, &o));
+                CHECK_INT(sb_embedding_get_report(c.embedding).lost, 0);
+                follow_check(&c, SB_EMBED_SMOOTH);
+                done++;
+            }
+        CHECK(done > 0 || types[t] == SB_HEX20 || types[t] == SB_HEX27);
+        follow_free(&c);
+    }
+}
+
+/* The inverse order gives back all bits; points far from a change keep theirs. */
+static void test_follow_inverse(void)
+{
+    unsigned long long seed = 21;
+    sb_vec3 before[FOLLOW_POINTS], *x;
+    follow_case c;
+    follow_op *ops = (follow_op *)calloc(FOLLOW_OPS, sizeof *ops);
+    int depth = 0;
+    follow_make(&c, SB_TET4, SB_EMBED_SMOOTH, NULL, 1, seed);
+    x = (sb_vec3 *)calloc((size_t)c.mesh.node_count, sizeof *x);
+    for (int i = 0; i < c.mesh.node_count; i++)
+        x[i] = follow_bend(c.mesh.nodes[i]);
+    CHECK_OK(sb_embedding_update(c.embedding, x, before, NULL, NULL));
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    CHECK_OK(sb_embedding_update(c.embedding, x, c.out, NULL, NULL));
+    CHECK(!memcmp(before, c.out, sizeof before));
+    for (int k = 0; k < 100 && depth < FOLLOW_OPS; k++)
+        depth += follow_change(c.body, ops + depth, depth % 3, 4, &seed) == SB_OK;
+    CHECK_INT(depth, FOLLOW_OPS);
+    while (depth > 0)
+        CHECK_OK(follow_undo(c.body, ops + --depth));
+    CHECK_INT(sb_body_node_count(c.body), c.mesh.node_count);
+    CHECK_OK(sb_embedding_update(c.embedding, x, c.out, NULL, NULL));
+    CHECK(!memcmp(before, c.out, sizeof before));
+    free(x);
+    free(ops);
+    follow_free(&c);
+}
+
+/* A refused change, and every allocation that fails, leaves the bits. */
+static void test_follow_memory(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    sb_vec3 before[FOLLOW_POINTS];
+    sb_result result = SB_ERROR_MEMORY;
+    follow_case c;
+    int failures = 0;
+    for (int round = 0; round < 6; round++) {
+        unsigned long long seed = 31 + (unsigned long long)round;
+        follow_op o;
+        follow_make(&c, SB_TET4, SB_EMBED_SMOOTH, &allocator, 0.5, seed);
+        for (int n = 1; n < 10000; n++) {
+            memory.calls = 0;
+            memory.fail_at = n;
+            result = sb_embedding_follow(c.embedding, c.body, NULL);
+            memory.fail_at = 0;
+            CHECK_OK(sb_embedding_update(c.embedding, sb_body_positions(c.body), before, NULL, NULL));
+            if (result == SB_OK)
+                break;
+            CHECK_RESULT(result, SB_ERROR_MEMORY);
+            CHECK_RESULT(sb_embedding_unfollow(c.embedding), SB_ERROR_STATE);
+        }
+        for (int n = 1; n < 10000; n++) {
+            unsigned long long same = seed;
+            memory.calls = 0;
+            memory.fail_at = n;
+            result = follow_change(c.body, &o, round % 3, 4, &same);
+            memory.fail_at = 0;
+            if (result != SB_ERROR_MEMORY)
+                break;
+            failures++;
+            CHECK_OK(sb_embedding_update(c.embedding, sb_body_positions(c.body), c.out, NULL, NULL));
+            CHECK(!memcmp(before, c.out, sizeof before));
+        }
+        follow_check(&c, SB_EMBED_SMOOTH);
+        follow_free(&c);
+        CHECK_INT(memory.live, 0);
+    }
+    CHECK(failures > 5);
+}
+
+/* States of other meshes; either may end first. */
+static void test_follow_state(void)
+{
+    unsigned long long seed = 51;
+    follow_case c;
+    follow_op o;
+    unsigned char *image;
+    size_t size;
+    follow_make(&c, SB_TET4, SB_EMBED_PLAIN, NULL, 1, seed);
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    CHECK_RESULT(sb_embedding_follow(c.embedding, c.body, NULL), SB_ERROR_STATE);
+    for (int k = 0; k < 9; k++)
+        follow_change(c.body, &o, k % 3, 4, &seed);
+    size = sb_body_state_size(c.body);
+    image = (unsigned char *)malloc(size);
+    CHECK_OK(sb_body_state_save(c.body, image, size));
+    for (int k = 0; k < 9; k++)
+        follow_change(c.body, &o, k % 3, 4, &seed);
+    CHECK_OK(sb_body_state_load(c.body, image, size, NULL));
+    follow_check(&c, SB_EMBED_PLAIN);
+    for (int k = 0; k < 9; k++)
+        follow_change(c.body, &o, k % 3, 4, &seed);
+    follow_check(&c, SB_EMBED_PLAIN);
+    CHECK_OK(sb_embedding_unfollow(c.embedding));
+    CHECK_RESULT(sb_embedding_unfollow(c.embedding), SB_ERROR_STATE);
+    follow_check(&c, SB_EMBED_PLAIN);
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    sb_body_destroy(c.body);
+    c.body = NULL;
+    CHECK_RESULT(sb_embedding_unfollow(c.embedding), SB_ERROR_STATE);
+    free(image);
+    follow_free(&c);
+}
+
+CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"other elements", test_follow_elements},
+            {"the inverse order gives back all bits", test_follow_inverse},
+            {"every allocation fails", test_follow_memory}, {"states and ends", test_follow_state});
