@@ -25,7 +25,7 @@ static void follow_make(follow_case *c, sb_element_type type, sb_embedding_kind 
     memset(c, 0, sizeof *c);
     c->mesh = scene_box(type, 4, 3, 2, sb_v3(follow_size[0], follow_size[1], follow_size[2]), 0.1);
     def.mesh = &c->mesh;
-    def.slack = slack;
+    def.slack = REAL(slack);
     if (allocator)
         def.allocator = points.allocator = *allocator;
     def.material = sb_material_neo_hookean(5000, REAL(0.4), 1000);
@@ -226,7 +226,7 @@ static void follow_check(follow_case *c, sb_embedding_kind kind)
             moment[k] += sign * all[k];
     }
     for (int k = 0; k < 6; k++)
-        CHECK(fabs(moment[k]) < scene_tolerance(1e-12, 10) * FOLLOW_POINTS);
+        CHECK(fabs(moment[k]) < scene_tolerance(1e-12, 10) * (double)FOLLOW_POINTS);
     free(x);
     free(f);
 }
