@@ -5012,8 +5012,8 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
  * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
- * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where nodes move in the
- * material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where a needle changed it,
+ * ndl_remesh_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
@@ -45212,6 +45212,20 @@ SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), me
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
 
+/* ---- slots of a mesh that may change ---- */
+typedef struct sbi_body_slots {
+    int end;         /* slots in use and free ones lie below; the next one after the free ones */
+    int room;        /* slots there is memory for; 0: the mesh cannot change */
+    const int *free; /* [free_count] free slots, the last of them the next to be used */
+    int free_count;
+} sbi_body_slots;
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
+/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
+
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */
 SBI_API int sbi_body_try_shape(sb_body *body, const sb_vec3 *u, sb_real *energy);
@@ -58672,6 +58686,44 @@ SBI_API sb_real sbi_body_young(const sb_body *body)
             count++;
         }
     return (sb_real)(sum / (double)count);
+}
+
+/* ---- slots ---- */
+
+static sbi_body_slots sbi_body_view_slots(const sbi_slots *slots)
+{
+    sbi_body_slots view;
+    view.end = slots->fresh;
+    view.room = slots->capacity;
+    view.free = slots->stack;
+    view.free_count = slots->count;
+    return view;
+}
+
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->nodes) : none;
+}
+
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->cells) : none;
+}
+
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
+}
+
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change))
+{
+    for (int i = 0; body->live && i < body->live->listener_count; i++)
+        if (body->live->listeners[i].calls.follow == follow)
+            return body->live->listeners[i].calls.user;
+    return NULL;
 }
 
 /* ---- shapes ---- */

@@ -7,6 +7,7 @@
  * union of what any candidate changes, without that union. */
 #include "remesh.h"
 
+#include "../softbody/body/body_guest.h"
 #include "image.h"
 #include "state.h"
 
@@ -39,6 +40,7 @@ typedef struct ndli_needle {
     int *nodes, count, node_capacity; /* entry first */
     ndli_split *stack;
     int depth, stack_capacity;
+    int undone; /* splits that the change under way has taken back */
     int *pool, pool_count, pool_capacity;
 } ndli_needle;
 
@@ -84,9 +86,20 @@ typedef struct ndli_node_move {
     sb_vec3 X;
 } ndli_node_move;
 
+/* A split that is undone: its node, and the corners that it was between. */
+typedef struct ndli_leaving {
+    int node, size, simplex[4];
+} ndli_leaving;
+
 struct ndl_remesh {
     ndl_remesh_def def;
-    ndl_tissue_mesh *mesh;
+    ndli_topology topology, *mesh; /* mesh: that topology */
+    sb_body *body;
+    int listener;          /* its number at the body */
+    int own;               /* 1: the change that the body makes is ours */
+    int stale;             /* 1: the body has got another mesh, which is not read yet */
+    ndli_leaving *leaving; /* nodes that the change under way takes out */
+    int leaving_count, leaving_capacity;
     ndli_needle *needles;
     int release_cursor;
     ndl_remesh_info info;
@@ -109,7 +122,7 @@ struct ndl_remesh {
     sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
-    int *groups;
+    int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
     void *scratch;
 };
 
@@ -141,6 +154,7 @@ static void ndli_remesh_layout(ndl_remesh *r, sbi_arena *arena, size_t n)
     r->undone.tets = (ndli_patch_tet *)sbi_arena_take(arena, n, sizeof(ndli_patch_tet));
     r->moving = (int *)sbi_arena_take(arena, 2 * n + 8, 4 * sizeof(int));
     r->groups = (int *)sbi_arena_take(arena, 2 * n + 8, sizeof(int));
+    r->kept = (int *)sbi_arena_take(arena, n + 8, 4 * sizeof(int));
     for (int i = 0; i < 2; i++)
         r->sorted[i] = (sb_real *)sbi_arena_take(arena, 6 * n + 16, sizeof(sb_real));
 }
@@ -191,13 +205,17 @@ static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used
 /* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
 static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
 {
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool, *leaving = r->leaving;
+    int splits = 0, good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
     needle->nodes = (int *)nodes;
     good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
     needle->stack = (ndli_split *)stack;
     good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
     needle->pool = (int *)pool;
+    for (int i = 0; i < r->def.max_needles; i++)
+        splits += r->needles[i].stack_capacity;
+    good = good && ndli_remesh_grow(r, &leaving, &r->leaving_capacity, 0, splits, sizeof(ndli_leaving));
+    r->leaving = (ndli_leaving *)leaving;
     return good;
 }
 
@@ -209,7 +227,7 @@ static int ndli_remesh_reserve(ndl_remesh *r)
     counts[0] = needle->count + 1;
     counts[1] = needle->depth + 1;
     counts[2] = needle->pool_count + tets;
-    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
+    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -230,8 +248,8 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
 {
     if (!def || def->cookie != NDLI_REMESH_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_remesh_def");
-    if (!def->tissue || !def->tissue->block)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
     if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
@@ -247,23 +265,98 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
     return SB_OK;
 }
 
+/* ---- the body's own changes ---- */
+
+/* Others may change the mesh while no needle has. */
+static sb_result ndli_remesh_hear(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
+{
+    const ndl_remesh *r = (const ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    if (r->own || r->stale || ndli_topology_is_original(r->mesh))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_STATE, "needles have changed the mesh: draw them out before others change it");
+}
+
+static void ndli_remesh_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    r->stale = r->stale || !r->own;
+}
+
+/* Reads the body's mesh again once it is another: needles that were in it are not in this one. */
+static sb_result ndli_remesh_freshen(ndl_remesh *r, sb_error *error)
+{
+    if (!r->stale)
+        return SB_OK;
+    if (!ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read the mesh that the body now has");
+    for (int i = 0; i < r->def.max_needles; i++)
+        r->needles[i].count = r->needles[i].depth = r->needles[i].pool_count = 0;
+    r->release_cursor = 0;
+    r->stale = 0;
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_remesh_look(ndl_remesh *remesh, sb_error *error)
+{
+    sb_result result = ndli_remesh_freshen(remesh, error);
+    if (result == SB_OK)
+        ndli_topology_look(remesh->mesh, remesh->body);
+    return result;
+}
+
+NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own) { remesh->own = own; }
+NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh) { return remesh->stale; }
+NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh) { return remesh->mesh; }
+
+/* ---- creation ---- */
+
+static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
+{
+    if (sbi_body_mesh(body).element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+    if (sbi_body_node_slots(body).room == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
+    return SB_OK;
+}
+
+static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
+{
+    sb_body_listener listener;
+    memset(&listener, 0, sizeof listener);
+    listener.user = r;
+    listener.reserve = ndli_remesh_hear;
+    listener.follow = ndli_remesh_follow;
+    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
+    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
+    return sb_body_listen(r->body, &listener, &r->listener, error);
+}
+
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
 {
     ndl_remesh *made;
     sb_result result = ndli_remesh_check_def(def, error);
+    if (result == SB_OK && !remesh)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (result == SB_OK)
+        result = ndli_remesh_check_body(def->body, error);
     if (result != SB_OK)
         return result;
-    if (!remesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
     made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (made) {
-        made->def = *def;
-        made->mesh = def->tissue;
-        made->needles = (ndli_needle *)sbi_alloc_zeroed(&def->allocator, (size_t)def->max_needles, sizeof(ndli_needle));
-    }
-    if (!made || !made->needles || !ndli_remesh_scratch(made, 256)) {
-        ndl_remesh_destroy(made);
+    if (!made)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
+    made->def = *def;
+    made->body = def->body;
+    made->mesh = &made->topology;
+    made->topology.allocator = def->allocator;
+    result = ndli_remesh_fill(made, error);
+    if (result != SB_OK) {
+        ndl_remesh_destroy(made);
+        return result;
     }
     *remesh = made;
     return SB_OK;
@@ -280,7 +373,11 @@ NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
         sbi_free(&allocator, remesh->needles[i].stack);
         sbi_free(&allocator, remesh->needles[i].pool);
     }
+    if (remesh->listener)
+        sb_body_unlisten(remesh->body, remesh->listener);
+    ndli_topology_free(&remesh->topology);
     sbi_free(&allocator, remesh->needles);
+    sbi_free(&allocator, remesh->leaving);
     sbi_free(&allocator, remesh->scratch);
     sbi_free(&allocator, remesh);
 }
@@ -347,7 +444,7 @@ static void ndli_remesh_end_gather(ndl_remesh *r)
 /* Adds the tets of a node that are not there yet; 0: no memory. */
 static int ndli_remesh_gather(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     for (int k = node < 0 ? -1 : mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
         ndli_patch_tet *to;
         int tet = k / 4;
@@ -371,7 +468,7 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
 /* Tet that was cut, from its parts: the part that has `node` in place of simplex[j] knows the face opposite that. */
 static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, const int *parts, ndli_patch_tet *parent)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
     parent->skin = 0;
@@ -384,7 +481,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
 }
 
@@ -397,7 +494,7 @@ static sb_real ndli_remesh_least_weight(const ndl_remesh *r, const int nodes[4],
 {
     const sb_vec3 *p = r->mesh->X;
     sb_real w[4];
-    ndli_tissue_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
+    ndli_tet_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
     return sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
 }
 
@@ -452,7 +549,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
-    return ndli_tissue_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
+    return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
                                ndli_remesh_at(r, n[3]));
 }
 
@@ -652,8 +749,8 @@ typedef enum ndli_move {
 static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
 {
     int flags = r->mesh->node_flags[node];
-    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
-           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+    return (flags & (NDLI_NODE_FIXED | NDLI_NODE_BOUNDARY)) ||
+           ((flags & (NDLI_NODE_INTERFACE | NDLI_NODE_CREATED)) == NDLI_NODE_INTERFACE &&
             r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
 }
 
@@ -667,7 +764,7 @@ static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
     if (ndli_remesh_is_bound(r, node))
         return 0;
-    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -861,7 +958,7 @@ static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
 static sb_real ndli_remesh_draft_quality(const ndli_draft *d, int tet)
 {
     const int *n = d->tets + 4 * (size_t)tet;
-    return ndli_tissue_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
+    return ndli_tet_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
 }
 
 static void ndli_remesh_draft_stars(ndl_remesh *r)
@@ -884,11 +981,11 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
     for (int i = 0; i < r->table_count; i++) {
         int node = r->table[i], flags = r->mesh->node_flags[node];
-        int fixed = (flags & (NDL_NODE_BOUNDARY | NDL_NODE_FIXED)) ||
-                    ((flags & NDL_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+        int fixed = (flags & (NDLI_NODE_BOUNDARY | NDLI_NODE_FIXED)) ||
+                    ((flags & NDLI_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
         if (c->drops_tip && node == tip)
-            flags &= ~NDL_NODE_NEEDLE;
-        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
+            flags &= ~NDLI_NODE_NEEDLE;
+        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDLI_NODE_NEEDLE))
             fixed = 1;
         r->draft.is_free[i] = (unsigned char)(!fixed && r->table_whole[i]);
     }
@@ -1206,7 +1303,11 @@ static void ndli_remesh_pop(ndl_remesh *r, int index)
 {
     ndli_needle *needle = r->needles + index;
     const ndli_split *top = needle->stack + needle->depth - 1;
-    ndli_tissue_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
+    ndli_leaving *leaving = r->leaving + r->leaving_count++;
+    leaving->node = top->node;
+    leaving->size = top->size;
+    memcpy(leaving->simplex, top->simplex, sizeof leaving->simplex);
+    ndli_topology_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
     needle->pool_count = top->first;
     needle->depth--;
 }
@@ -1225,50 +1326,213 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
     r->mesh->owner[node] = r->needle;
 }
 
-/* Does the best candidate; returns the node at X_new. */
-static int ndli_remesh_do(ndl_remesh *r, int start)
+/* ---- the body follows ---- */
+
+enum { NDLI_MAX_HEIRS = 32 };
+
+typedef struct ndli_heirs {
+    int nodes[NDLI_MAX_HEIRS], count;
+    sb_real weights[NDLI_MAX_HEIRS];
+} ndli_heirs;
+
+static const ndli_leaving *ndli_remesh_leaving(const ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    for (int i = 0; i < r->leaving_count; i++)
+        if (r->leaving[i].node == node)
+            return r->leaving + i;
+    return NULL;
+}
+
+static void ndli_remesh_add_heir(ndli_heirs *heirs, int node, sb_real weight)
+{
+    for (int k = 0; k < heirs->count; k++)
+        if (heirs->nodes[k] == node) {
+            heirs->weights[k] += weight;
+            return;
+        }
+    heirs->nodes[heirs->count] = node;
+    heirs->weights[heirs->count++] = weight;
+}
+
+/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that go, too,
+ * stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
+static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *heirs)
+{
+    const ndli_leaving *l = ndli_remesh_leaving(r, node);
+    heirs->count = 0;
+    for (int k = 0; l && k < l->size; k++)
+        ndli_remesh_add_heir(heirs, l->simplex[k], (sb_real)1 / (sb_real)l->size);
+    for (int i = 0; i < heirs->count;) {
+        sb_real weight = heirs->weights[i];
+        int parts;
+        l = ndli_remesh_leaving(r, heirs->nodes[i]);
+        if (!l) {
+            i++;
+            continue;
+        }
+        heirs->count--;
+        heirs->nodes[i] = heirs->nodes[heirs->count];
+        heirs->weights[i] = heirs->weights[heirs->count];
+        parts = heirs->count + l->size <= NDLI_MAX_HEIRS ? l->size : 1;
+        for (int k = 0; k < parts; k++)
+            ndli_remesh_add_heir(heirs, l->simplex[k], weight / (sb_real)parts);
+        i = 0;
+    }
+}
+
+/* Moved nodes first: where their motion comes from is named by the slots of before. */
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int plan = 0;
+    for (int i = 0; i < c->node_count && result == SB_OK; i++)
+        if (!c->nodes[i].created)
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
+                                              4, error);
+    for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
+        int event = c->node_events[i].node, slot = 0;
+        ndli_heirs heirs;
+        if (event < 0) {
+            ndli_remesh_find_heirs(r, ~event, &heirs);
+            result = sb_body_change_remove_node(to, ~event, heirs.nodes, heirs.weights, heirs.count, error);
+            continue;
+        }
+        while (!c->nodes[plan].created)
+            plan++;
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
+                                         error);
+        SB_ASSERT(result != SB_OK || slot == event);
+        plan++;
+    }
+    return result;
+}
+
+static sb_change_cell ndli_remesh_cell(const ndl_remesh *r, int tet, int parent)
+{
+    sb_change_cell cell = sb_default_change_cell();
+    cell.nodes = r->mesh->tets + 4 * (size_t)tet;
+    cell.parent = parent;
+    return cell;
+}
+
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
+        int event = c->tet_events[i], slot = 0;
+        if (event < 0) {
+            result = sb_body_change_remove_cell(to, ~event, error);
+        } else {
+            sb_change_cell cell = ndli_remesh_cell(r, event, r->mesh->parents[event]);
+            result = sb_body_change_add_cell(to, &cell, &slot, error);
+            SB_ASSERT(result != SB_OK || slot == event);
+        }
+    }
+    for (int i = 0; i < c->changed_count && result == SB_OK; i++) {
+        int tet = c->changed[i];
+        sb_change_cell cell = ndli_remesh_cell(r, tet, tet);
+        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0)
+            result = sb_body_change_replace_cell(to, tet, &cell, error);
+    }
+    return result;
+}
+
+/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at the
+ * begin. */
+static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
+{
+    ndli_topology_change change;
+    sb_body_change *to = NULL;
+    sb_result result;
+    ndli_topology_end(r->mesh, &change);
+    result = sb_body_change_begin(r->body, &to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_nodes(r, &change, to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_tets(r, &change, to, error);
+    r->own = 1;
+    if (result == SB_OK)
+        result = sb_body_change_commit(to, error);
+    r->own = 0;
+    r->leaving_count = 0;
+    if (result != SB_OK) {
+        sb_body_change_cancel(to);
+        ndli_topology_take_back(r->mesh, r->body);
+    }
+    r->mesh->x = sb_body_positions(r->body);
+    return result;
+}
+
+/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of the
+ * smoothed nodes. */
+static int ndli_remesh_plan_moves(ndl_remesh *r, int *slide)
+{
+    ndli_topology *mesh = r->mesh;
     const ndli_candidate *c = r->final;
-    int plan, slide = -1, node, first_move;
-    ndli_tissue_begin(mesh);
-    plan = ndli_tissue_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
-    first_move = mesh->change_count;
+    int first = mesh->change_count;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
-    if (c->slid_moves)
-        slide = ndli_tissue_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
+        ndli_topology_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
+    *slide = c->slid_moves ? ndli_topology_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4) : -1;
+    return first;
+}
+
+/* Does the best candidate; *node: the one at X_new. */
+static sb_result ndli_remesh_do(ndl_remesh *r, int start, int *node, sb_error *error)
+{
+    ndli_topology *mesh = r->mesh;
+    ndli_needle *needle = r->needles + r->needle;
+    const ndli_candidate *c = r->final;
+    int plan, slide, first_move, depth = needle->depth, pool_count = needle->pool_count;
+    ndli_split top;
+    sb_result result;
+    memset(&top, 0, sizeof top);
+    if (c->undo) {
+        top = needle->stack[depth - 1];
+        memcpy(r->kept, needle->pool + top.first, (size_t)(pool_count - top.first) * sizeof(int));
+    }
+    ndli_topology_begin(mesh);
+    plan = ndli_topology_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
+    first_move = ndli_remesh_plan_moves(r, &slide);
     if (c->undo)
         ndli_remesh_pop(r, r->needle);
     if (c->size == 1) {
-        ndli_tissue_move(mesh, plan);
+        ndli_topology_move(mesh, plan);
     } else {
-        int count = ndli_tissue_cut(mesh, c->simplex, c->size, plan, r->groups);
+        int count = ndli_topology_cut(mesh, c->simplex, c->size, plan, r->groups);
         ndli_remesh_push_split(r, c, mesh->changes[plan].node, count);
     }
-    node = mesh->changes[plan].node;
+    *node = mesh->changes[plan].node;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_move(mesh, first_move + i);
+        ndli_topology_move(mesh, first_move + i);
     if (slide >= 0)
-        ndli_tissue_move(mesh, slide);
-    ndli_tissue_end(mesh);
+        ndli_topology_move(mesh, slide);
+    result = ndli_remesh_commit(r, error);
+    if (result != SB_OK) {
+        needle->depth = depth;
+        needle->pool_count = pool_count;
+        if (c->undo) {
+            needle->stack[depth - 1] = top;
+            memcpy(needle->pool + top.first, r->kept, (size_t)(pool_count - top.first) * sizeof(int));
+        }
+        return result;
+    }
     r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
-    return node;
+    return SB_OK;
 }
 
 static void ndli_remesh_release_node(ndl_remesh *r, int node)
 {
-    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDL_NODE_NEEDLE);
-    if (!(r->mesh->node_flags[node] & NDL_NODE_CREATED))
+    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDLI_NODE_NEEDLE);
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_CREATED))
         r->mesh->owner[node] = -1;
 }
 
 static void ndli_remesh_add_node(ndl_remesh *r, int node)
 {
     ndli_needle *needle = r->needles + r->needle;
-    r->mesh->node_flags[node] |= NDL_NODE_NEEDLE;
+    r->mesh->node_flags[node] |= NDLI_NODE_NEEDLE;
     r->mesh->owner[node] = r->needle;
     if (ndli_remesh_from_tip(needle, 0) != node)
         needle->nodes[needle->count++] = node;
@@ -1276,7 +1540,7 @@ static void ndli_remesh_add_node(ndl_remesh *r, int node)
 
 /* ---- afterwards: release ---- */
 
-static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
+static sb_real ndli_remesh_star_least(const ndli_topology *mesh, int node)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
@@ -1285,7 +1549,7 @@ static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
 }
 
 /* Worst quality about a node if it were at X; anything <= floor when that is not better than floor. */
-static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec3 X, sb_real floor)
+static sb_real ndli_remesh_star_at(const ndli_topology *mesh, int node, sb_vec3 X, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0 && least > floor; k = mesh->corner_next[k]) {
@@ -1293,7 +1557,7 @@ static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec
         sb_vec3 p[4];
         for (int c = 0; c < 4; c++)
             p[c] = n[c] == node ? X : mesh->X[n[c]];
-        least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+        least = sb_min(least, ndli_tet_quality(p[0], p[1], p[2], p[3]));
     }
     return least;
 }
@@ -1308,29 +1572,30 @@ static int ndli_remesh_is_ours(const ndl_remesh *r, int node)
     return 1;
 }
 
-static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
+/* 1: done; 0: the body refuses. */
+static int ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
-    ndli_tissue_move(mesh, ndli_tissue_plan(mesh, node, X, mesh->node_star[node] / 4));
-    ndli_tissue_end(mesh);
+    ndli_topology *mesh = r->mesh;
+    ndli_topology_begin(mesh);
+    ndli_topology_move(mesh, ndli_topology_plan(mesh, node, X, mesh->node_star[node] / 4));
+    return ndli_remesh_commit(r, NULL) == SB_OK;
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
 static int ndli_remesh_send_home(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     sb_vec3 way = sb_v3_sub(mesh->X0[node], mesh->X[node]);
     sb_real enough;
-    if ((mesh->node_flags[node] & NDL_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
+    if ((mesh->node_flags[node] & NDLI_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
         return 0;
     enough = sb_min(ndli_remesh_star_least(mesh, node), r->def.release_above);
     for (int quarters = 4; quarters > 0; quarters--) {
         sb_vec3 X = quarters == 4 ? mesh->X0[node] : sb_v3_madd(mesh->X[node], (sb_real)quarters / 4, way);
         if (ndli_remesh_star_at(mesh, node, X, 0) >= enough) {
-            ndli_remesh_move_node(r, node, X);
-            r->info.released++;
-            return 1;
+            int moved = ndli_remesh_move_node(r, node, X);
+            r->info.released += moved;
+            return moved;
         }
     }
     return 0;
@@ -1341,9 +1606,10 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
 {
     const ndli_needle *needle = r->needles + index;
     const ndli_split *top = ndli_remesh_top(needle);
+    int depth = needle->depth, pool_count = needle->pool_count;
     ndli_patch_tet parent;
     sb_real least = SB_REAL_MAX;
-    if (!top || (r->mesh->node_flags[top->node] & NDL_NODE_NEEDLE))
+    if (!top || (r->mesh->node_flags[top->node] & NDLI_NODE_NEEDLE))
         return 0;
     for (int g = 0; g < top->count; g++) {
         ndli_remesh_parent(r, top, needle->pool + top->first + top->size * g, &parent);
@@ -1351,16 +1617,19 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
     }
     if (!(least >= sb_min(ndli_remesh_star_least(r->mesh, top->node), r->def.release_above)))
         return 0;
-    ndli_tissue_begin(r->mesh);
+    ndli_topology_begin(r->mesh);
     ndli_remesh_pop(r, index);
-    ndli_tissue_end(r->mesh);
-    return 1;
+    if (ndli_remesh_commit(r, NULL) == SB_OK)
+        return 1;
+    r->needles[index].depth = depth;
+    r->needles[index].pool_count = pool_count;
+    return 0;
 }
 
 /* A few nodes each time, in turn. */
 static void ndli_remesh_release(ndl_remesh *r)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     int tries = sbi_min_int(mesh->displaced_count, NDLI_RELEASES);
     for (int i = 0; i < r->def.max_needles; i++)
         while (ndli_remesh_pop_spare(r, i))
@@ -1439,7 +1708,8 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 {
     ndli_needle *needle = r->needles + r->needle;
     int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
-    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node, flags, owner, count;
+    sb_result result;
     memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
     if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
@@ -1458,11 +1728,20 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (r->outcome < sb_min(r->before, r->enough))
         return ndli_remesh_fail_operation(r, error);
+    flags = r->mesh->node_flags[tip];
+    owner = r->mesh->owner[tip];
+    count = needle->count;
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
     }
-    node = ndli_remesh_do(r, start);
+    result = ndli_remesh_do(r, start, &node, error);
+    if (result != SB_OK) {
+        needle->count = count;
+        r->mesh->node_flags[tip] = (unsigned char)flags;
+        r->mesh->owner[tip] = owner;
+        return result;
+    }
     ndli_remesh_add_node(r, node);
     r->info.substeps++;
     ndli_remesh_tidy(r);
@@ -1473,10 +1752,14 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 
 static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, ndl_remesh_info *info, sb_error *error)
 {
+    sb_result result;
     if (!r)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
     if (needle < 0 || needle >= r->def.max_needles)
         return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, r->def.max_needles);
+    result = ndli_remesh_look(r, error);
+    if (result != SB_OK)
+        return result;
     if (is_in >= 0 && (r->needles[needle].count > 0) != is_in)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle,
                         is_in ? "not in" : "already in");
@@ -1492,7 +1775,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
 
 NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     sb_real shortest = SB_REAL_MAX;
     int tip, behind;
     if (!remesh || needle < 0 || needle >= remesh->def.max_needles || !remesh->needles[needle].count)
@@ -1511,7 +1794,7 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 
 static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     sb_real share = 1; /* of the limit, smaller while no operation is found */
     for (int i = 0; i < NDLI_MAX_SUBSTEPS; i++) {
         int tip = ndli_remesh_from_tip(r->needles + r->needle, 0), last, tet;
@@ -1521,7 +1804,7 @@ static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, s
         last = !(length > limit);
         if (!last)
             to = sb_v3_madd(mesh->X[tip], limit / length, way);
-        tet = ndl_tissue_mesh_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
+        tet = ndli_topology_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
         if (tet < 0) {
             r->info.outside = 1;
             return SB_OK;
@@ -1559,13 +1842,13 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info)
 {
-    const ndl_tissue_mesh *mesh = remesh->mesh;
+    const ndli_topology *mesh = remesh->mesh;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
     int tip, tet;
     if (result != SB_OK)
         return result;
     tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    tet = ndli_topology_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
     remesh->enough = enough;
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
@@ -1585,7 +1868,7 @@ NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_n
     ndl_remesh_info done;
     sb_result result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
     if (result == SB_OK && done.outside)
-        ndl_remesh_withdraw(remesh, needle, NULL, NULL);
+        result = ndl_remesh_withdraw(remesh, needle, NULL, error);
     if (result == SB_OK && done.outside)
         done.worst_quality = 1;
     if (info && remesh)
@@ -1633,7 +1916,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
+        (r->mesh->node_flags[simplex[0]] & (NDLI_NODE_FIXED | NDLI_NODE_INTERFACE)))
         return;
     if (!ndli_remesh_keeps_skin(r))
         return;
@@ -1689,7 +1972,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     if (!hit)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "hit is NULL");
     if (hit->tet < 0 || hit->tet >= mesh->tet_end || mesh->tets[4 * (size_t)hit->tet] < 0 || hit->face < 0 ||
@@ -1705,7 +1988,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
 
 static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
 {
-    int holder[4], face[3], k = 0, good = 1, node;
+    int holder[4], face[3], k = 0, good = 1, node = -1;
+    sb_result result = SB_OK;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
@@ -1728,8 +2012,10 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else
-        node = ndli_remesh_do(r, hit->tet);
-    r->mesh->node_flags[node] |= NDL_NODE_BOUNDARY;
+        result = ndli_remesh_do(r, hit->tet, &node, error);
+    if (result != SB_OK)
+        return result;
+    r->mesh->node_flags[node] |= NDLI_NODE_BOUNDARY;
     ndli_remesh_add_node(r, node);
     r->info.substeps = 1;
     ndli_remesh_tidy(r);
@@ -1756,22 +2042,32 @@ NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
-static void ndli_remesh_restore(ndl_remesh *r)
+static sb_result ndli_remesh_restore(ndl_remesh *r, sb_error *error)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
+    ndli_topology *mesh = r->mesh;
+    sb_result result;
+    ndli_topology_begin(mesh);
     for (int i = 0; i < mesh->displaced_count; i++) {
         int node = mesh->displaced[i];
-        ndli_tissue_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
+        ndli_topology_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
     }
     for (int i = 0; i < r->def.max_needles; i++)
-        while (r->needles[i].depth)
+        for (r->needles[i].undone = 0; r->needles[i].depth; r->needles[i].undone++)
             ndli_remesh_pop(r, i);
     for (int i = 0; i < mesh->change_count; i++)
-        ndli_tissue_move(mesh, i);
-    ndli_tissue_end(mesh);
-    ndli_tissue_reset_densities(mesh);
-    r->info.released += mesh->change_count;
+        ndli_topology_move(mesh, i);
+    result = mesh->change_count || mesh->node_event_count ? ndli_remesh_commit(r, error) : SB_OK;
+    for (int i = 0; i < r->def.max_needles && result != SB_OK; i++) {
+        ndli_needle *needle = r->needles + i;
+        needle->depth = needle->undone;
+        if (needle->depth) {
+            const ndli_split *top = needle->stack + needle->depth - 1;
+            needle->pool_count = top->first + top->size * top->count;
+        }
+    }
+    if (result == SB_OK)
+        r->info.released += mesh->change_count;
+    return result;
 }
 
 /* As much of it as leaves sound tets: other needles are still in. */
@@ -1789,25 +2085,53 @@ static void ndli_remesh_restore_partly(ndl_remesh *r)
     }
 }
 
+/* The needle's nodes in the tissue are on it (in), or are like others. */
+static void ndli_remesh_mark(ndl_remesh *r, int needle, int in)
+{
+    const ndli_needle *n = r->needles + needle;
+    for (int i = 0; i < n->count; i++) {
+        if (in) {
+            r->mesh->node_flags[n->nodes[i]] |= NDLI_NODE_NEEDLE;
+            r->mesh->owner[n->nodes[i]] = needle;
+        } else {
+            ndli_remesh_release_node(r, n->nodes[i]);
+        }
+    }
+}
+
 NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, -1, info, error);
-    int others = 0;
+    int others = 0, count;
     if (result != SB_OK || !remesh->needles[needle].count)
         return result;
-    for (int i = 0; i < remesh->needles[needle].count; i++)
-        ndli_remesh_release_node(remesh, remesh->needles[needle].nodes[i]);
+    count = remesh->needles[needle].count;
+    ndli_remesh_mark(remesh, needle, 0);
     remesh->needles[needle].count = 0;
     for (int i = 0; i < remesh->def.max_needles; i++)
         others += remesh->needles[i].count > 0;
     if (others)
         ndli_remesh_restore_partly(remesh);
     else
-        ndli_remesh_restore(remesh);
+        result = ndli_remesh_restore(remesh, error);
+    if (result != SB_OK) {
+        remesh->needles[needle].count = count;
+        ndli_remesh_mark(remesh, needle, 1);
+        return result;
+    }
     remesh->info.outside = 1;
     if (info)
         *info = remesh->info;
     return SB_OK;
+}
+
+NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle)
+{
+    if (ndl_remesh_withdraw(remesh, needle, NULL, NULL) == SB_OK)
+        return;
+    if (!remesh->stale)
+        ndli_remesh_mark(remesh, needle, 0);
+    remesh->needles[needle].count = 0;
 }
 
 NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *count)
@@ -1820,7 +2144,7 @@ NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *c
 
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     int count, start, tet;
     const int *nodes = ndl_remesh_nodes(remesh, needle, &count);
     sb_real most = -SB_REAL_MAX;
@@ -1828,11 +2152,11 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndl_tissue_mesh_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         least = sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
         if (least > most) {
             most = least;
@@ -1842,7 +2166,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
     {
         const int *n = mesh->tets + 4 * (size_t)(tet < 0 ? start : tet);
         sb_real w[4];
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         *X = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
             *X = sb_v3_madd(*X, w[c], mesh->X[n[c]]);
@@ -1855,6 +2179,72 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
 }
 
+NDL_API int ndl_remesh_hit(const ndl_remesh *remesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
+{
+    return remesh && !remesh->stale ? ndli_topology_hit(remesh->mesh, from, to, hit) : 0;
+}
+
+NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
+                                sb_real *max_dihedral)
+{
+    if (remesh && !remesh->stale)
+        ndli_topology_quality(remesh->mesh, worst_quality, min_dihedral, max_dihedral);
+}
+
+NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions)
+{
+    const ndli_topology *mesh;
+    const sb_vec3 *x;
+    if (!remesh || !positions)
+        return SB_ERROR_ARGUMENT;
+    if (remesh->stale)
+        return SB_ERROR_STATE;
+    mesh = remesh->mesh;
+    x = sb_body_positions(remesh->body);
+    memcpy(positions, x, (size_t)mesh->original_nodes * sizeof *x);
+    for (int i = 0; i < mesh->displaced_count; i++) {
+        int node = mesh->displaced[i];
+        sb_real w[4];
+        const int *n = mesh->tets + 4 * (size_t)ndli_topology_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
+        positions[node] = sb_v3(0, 0, 0);
+        for (int c = 0; c < 4; c++)
+            positions[node] = sb_v3_madd(positions[node], w[c], x[n[c]]);
+    }
+    return SB_OK;
+}
+
+NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh)
+{
+    return remesh && (remesh->stale || ndli_topology_is_original(remesh->mesh));
+}
+
+/* Whether the body has these tets at these places. */
+static sb_result ndli_remesh_check_cells(const ndl_remesh *r, sb_error *error)
+{
+    const ndli_topology *mesh = r->mesh;
+    const sb_vec3 *X = sb_body_rest_positions(r->body);
+    for (int t = 0; t < mesh->tet_end; t++) {
+        const int *own = mesh->tets + 4 * (size_t)t, *cell = sb_body_cell_nodes(r->body, t);
+        if ((own[0] >= 0) != (cell != NULL) || (cell && memcmp(own, cell, 4 * sizeof(int)) != 0))
+            return sbi_fail_element(error, SB_ERROR_MESH, t, "tet %d is not the body's", t);
+        for (int c = 0; cell && c < 4; c++)
+            if (memcmp(X + cell[c], mesh->X + cell[c], sizeof *X) != 0)
+                return sbi_fail_node(error, SB_ERROR_MESH, cell[c], "node %d is elsewhere in the body", cell[c]);
+    }
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error)
+{
+    sb_result result;
+    if (!remesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (remesh->stale)
+        return SB_OK;
+    result = ndli_topology_check(remesh->mesh, error);
+    return result == SB_OK ? ndli_remesh_check_cells(remesh, error) : result;
+}
+
 /* ---- state ---- */
 
 static const char ndli_remesh_magic[9] = "NDLREME\x1a";
@@ -1865,12 +2255,17 @@ typedef struct ndli_remesh_head {
     int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
 } ndli_remesh_head;
 
-static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+/* Free slots at the end do not count: they may have been merged. */
+static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
 {
     size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
-    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
-    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+    uint64_t hash;
+    while (nodes > 0 && !mesh->node_flags[nodes - 1])
+        nodes--;
+    while (tets > 0 && mesh->tets[4 * (tets - 1)] < 0)
+        tets--;
+    hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    return ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
 }
 
 static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
@@ -1914,13 +2309,18 @@ static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli
 static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
 {
     ndli_remesh_head head;
+    ndli_topology topology = *r->mesh;
+    int counts[NDLI_TOPOLOGY_COUNTS];
     ndli_remesh_fill_head(r, &head);
     head.mesh = mesh;
     ndli_image_part(image, &head, 1, sizeof head);
+    ndli_topology_counts(&topology, counts);
+    ndli_image_part(image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(&topology, counts, image);
     for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
-        ndli_image_part(image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, image);
+        int sizes[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, image);
     }
 }
 
@@ -1934,7 +2334,14 @@ NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
 
 NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
 {
-    size_t sum = ndli_image_room(sizeof(ndli_remesh_head));
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS] = {0, 0, 0, 0};
+    size_t sum;
+    memset(&image, 0, sizeof image);
+    counts[0] = counts[1] = topology.node_capacity;
+    ndli_topology_walk(&topology, counts, &image);
+    sum = ndli_image_room(sizeof(ndli_remesh_head)) + ndli_image_room(sizeof counts) + image.used;
     for (int i = 0; i < r->def.max_needles; i++) {
         const ndli_needle *needle = r->needles + i;
         sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
@@ -1956,22 +2363,28 @@ NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
 {
     ndli_remesh_head head;
     ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    memset(&head, 0, sizeof head);
     memset(&image, 0, sizeof image);
     image.in = (const unsigned char *)buffer;
     ndli_image_part(&image, &head, 1, sizeof head);
     r->release_cursor = head.release_cursor;
+    ndli_image_part(&image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(r->mesh, counts, &image);
+    ndli_topology_recall(r->mesh, counts, r->body);
     for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4];
-        ndli_image_part(&image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, &image);
-        r->needles[i].count = counts[0];
-        r->needles[i].depth = counts[1];
-        r->needles[i].pool_count = counts[2];
+        int sizes[4];
+        ndli_image_part(&image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, &image);
+        r->needles[i].count = sizes[0];
+        r->needles[i].depth = sizes[1];
+        r->needles[i].pool_count = sizes[2];
     }
+    r->stale = 0;
 }
 
 /* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
+static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
 {
     if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
         s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
@@ -1998,7 +2411,7 @@ static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end
 
 /* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
  * out */
-static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
+static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
 {
     ndli_needle none;
     ndli_image image;
@@ -2032,7 +2445,9 @@ static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsign
  * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
  * of an image are undone on a copy of the tissue's topology first. */
 typedef struct ndli_rehearsal {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
+    const unsigned char *owners, *flags; /* [node_end] of the image */
+    int node_end;
     int *tets;   /* [tet_end][4]; first -1: not in use */
     int *stars;  /* [node_end] tets of a node; -1: undone */
     int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
@@ -2082,7 +2497,7 @@ static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, in
     for (int i = depth - 1; i >= 0; i--) {
         ndli_split s;
         memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
+        if (s.first + s.size * s.count != end || s.node >= h->node_end || !(h->flags[s.node] & NDLI_NODE_CREATED) ||
             h->stars[s.simplex[0]] < 1)
             return 0;
         end = s.first;
@@ -2102,10 +2517,11 @@ static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, in
 /* Nodes of a needle, entry first: its own, each once, joined by edges. */
 static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
 {
-    const ndl_tissue_mesh *mesh = h->mesh;
+    const ndli_topology *mesh = h->mesh;
     for (int i = 0; i < count; i++) {
         int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
+        if (node >= h->node_end || !(h->flags[node] & NDLI_NODE_NEEDLE) ||
+            ndli_image_int(h->owners, (size_t)node) != needle || h->threaded[node])
             return 0;
         h->threaded[node] = 1;
         for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
@@ -2147,7 +2563,6 @@ static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
 /* Every needle of an image whose indices are in their ranges. */
 static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
     for (int i = 0; i < r->def.max_needles; i++) {
         const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
         int counts[4];
@@ -2160,21 +2575,43 @@ static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, con
                             "those of the tissue", i);
         in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
     }
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
-            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
+    for (int i = 0; i < h->node_end; i++)
+        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
             return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
                                  "needle or the split of node %d", i);
     return SB_OK;
 }
 
-static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, sb_error *error)
+/* Where the needles of an image begin; 0: its counts are none. counts: out. */
+static size_t ndli_remesh_needles_at(const ndl_remesh *r, const unsigned char *in, size_t size, int *counts)
+{
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    size_t at = sizeof(ndli_remesh_head);
+    if (size < at + NDLI_TOPOLOGY_COUNTS * sizeof(int))
+        return 0;
+    memcpy(counts, in + at, NDLI_TOPOLOGY_COUNTS * sizeof(int));
+    if (counts[0] < 0 || counts[0] > topology.node_end || counts[1] < 0 || counts[1] > counts[0] || counts[2] < 0 ||
+        counts[3] < 0 || counts[2] > topology.node_capacity || counts[3] > topology.tet_capacity)
+        return 0;
+    memset(&image, 0, sizeof image);
+    image.used = at + NDLI_TOPOLOGY_COUNTS * sizeof(int);
+    ndli_topology_walk(&topology, counts, &image);
+    return image.overflow || image.used > size ? 0 : image.used;
+}
+
+static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, size_t size, sb_error *error)
 {
     ndli_rehearsal rehearsal;
     sb_result result;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    size_t needles = ndli_remesh_needles_at(r, in, size, counts);
     memset(&rehearsal, 0, sizeof rehearsal);
+    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
+    rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
+    rehearsal.node_end = counts[0];
     result = ndli_rehearsal_begin(r, &rehearsal)
-                 ? ndli_rehearsal_play(r, &rehearsal, in + ndli_image_room(sizeof(ndli_remesh_head)), error)
+                 ? ndli_rehearsal_play(r, &rehearsal, in + needles, error)
                  : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
     ndli_rehearsal_free(r, &rehearsal);
     return result;
@@ -2191,7 +2628,7 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
         head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
         return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
     if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the body's state first");
     if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
                         head->release_cursor);
@@ -2202,13 +2639,19 @@ static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_h
 static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
 {
     ndli_remesh_head head;
-    size_t at = sizeof head;
+    int memory[NDLI_TOPOLOGY_COUNTS];
+    size_t at;
     sb_result result = SB_OK;
     if (size < sizeof head)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
     memcpy(&head, in, sizeof head);
     if (!room)
         result = ndli_remesh_check_head(r, &head, error);
+    at = ndli_remesh_needles_at(r, in, size, memory);
+    if (result == SB_OK && at == 0)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
+    if (result == SB_OK && !room)
+        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof head + sizeof memory, r->def.max_needles, error);
     for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
         int counts[4];
         size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
@@ -2255,9 +2698,11 @@ NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t
         return result;
     in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
     size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    result = ndli_remesh_pass(remesh, in, size, 0, error);
+    result = ndli_remesh_look(remesh, error);
     if (result == SB_OK)
-        result = ndli_remesh_rehearse(remesh, in, error);
+        result = ndli_remesh_pass(remesh, in, size, 0, error);
+    if (result == SB_OK)
+        result = ndli_remesh_rehearse(remesh, in, size, error);
     if (result == SB_OK)
         result = ndli_remesh_pass(remesh, in, size, 1, error);
     if (result == SB_OK)

@@ -6,6 +6,7 @@
 #include "../base/mapping.h"
 #include "../solve/direct.h"
 #include "body.h"
+#include "live_mesh.h"
 #include "step_parts.h"
 
 /* ---- readings ---- */
@@ -28,6 +29,20 @@ SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where f
 SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+
+/* ---- slots of a mesh that may change ---- */
+typedef struct sbi_body_slots {
+    int end;         /* slots in use and free ones lie below; the next one after the free ones */
+    int room;        /* slots there is memory for; 0: the mesh cannot change */
+    const int *free; /* [free_count] free slots, the last of them the next to be used */
+    int free_count;
+} sbi_body_slots;
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
+/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */

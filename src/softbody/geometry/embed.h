@@ -58,8 +58,8 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
  * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the mesh
- * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where nodes move in the
- * material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * (sb_body_change_commit) an embedding is to be made anew: the old one gives wrong points. Where a needle changed it,
+ * ndl_remesh_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
