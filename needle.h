@@ -125,7 +125,7 @@
  *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
  *              moves it, ndl_rod_solve_static finds its equilibrium.
  * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
- * state        sb_body_state_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ * state        sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
  *
  * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
  * beyond its slack asks for more.
@@ -279,9 +279,6 @@
 #define ndl_needle_advance ndl_needle_advance_f32
 #define ndl_needle_cutting ndl_needle_cutting_f32
 #define ndl_needle_tip_material ndl_needle_tip_material_f32
-#define ndl_remesh_state_size ndl_remesh_state_size_f32
-#define ndl_remesh_save ndl_remesh_save_f32
-#define ndl_remesh_load ndl_remesh_load_f32
 #define ndl_rod_state_size ndl_rod_state_size_f32
 #define ndl_rod_save ndl_rod_save_f32
 #define ndl_rod_load ndl_rod_load_f32
@@ -645,8 +642,13 @@ typedef struct ndl_remesh_info {
     sb_vec3 X;               /* where the tip is in the material (m) */
 } ndl_remesh_info;
 
-/* SB_ERROR_ARGUMENT (field named), _UNSUPPORTED (elements other than SB_TET4; def.slack was 0), _MEMORY leave *remesh untouched.
- * One remesher for a body at a time. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE). */
+/* SB_ERROR_ARGUMENT (field named; the body has a remesher already), _UNSUPPORTED (elements other than SB_TET4; def.slack was
+ * 0), _MEMORY leave *remesh untouched. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE).
+ *
+ * From now on the remesher is part of the body's saved state, its hash and its recording: sb_body_state_load asks for a body
+ * with a remesher of the same def, and brings needles, splits and what is needed to undo them back to the last bit. A
+ * recording of the body holds the calls below; it is played on a body with such a remesher. Make remeshers before a
+ * recording is started, and destroy them after it has been stopped: what follows otherwise is refused when it is played. */
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
 /* Leaves the body as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
@@ -1198,42 +1200,32 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
 
 #endif /* NDL_NEEDLE_H */
 
-/* ==== src/needle/state.h ==== */
-/* state: saves what a remesher or a rod is at, and brings it back to the last bit. Floor 6. */
-#ifndef NDL_STATE_H
-#define NDL_STATE_H
+/* ==== src/needle/rod_state.h ==== */
+/* rod_state: saves what a rod is at, and brings it back to the last bit. Floor 6. */
+#ifndef NDL_ROD_STATE_H
+#define NDL_ROD_STATE_H
 
 
-/* A saved state holds all that steps, setters and remeshing change. What follows a load is what followed the save, bit for
- * bit, whatever has been split, mended or grown in between, and also in another object, process or machine with the same
- * order of bytes. A state is loaded into an object that was made from the same mesh and the same def, in the same precision;
- * allocator and slack may differ.
+/* For rods that are stepped by themselves: a needle's is part of its body's state (sb_body_state_save).
  *
- * A remesher's state belongs with that of the body whose mesh it changes: save both at the same time, and load the body's
- * first (sb_body_state_load). A remesher refuses a state that was saved with another mesh than its body now has. Loading a
- * body's state with another mesh alone leaves its remeshers without needles: the mesh that came is the original one then.
+ * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for bit,
+ * also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the same def,
+ * in the same precision; capacity and allocator may differ.
  *
- * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
- * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
- * saved. Buffers need no alignment. Cost of each: proportional to the object.
+ * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing that a
+ * step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates nothing. Buffers
+ * need no alignment.
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
- * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
- * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes); SB_ERROR_STATE (another
- * object's, or a remesher's that does not fit its body); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more
- * room than the allocator gives, or, at a save, a change of the mesh found no memory for the matrix and no step has
- * made it up yet. A load allocates where the object has less room than the state needs; a remesher's takes a copy of
- * the topology for the time of the call, on which it undoes all splits before it trusts them. */
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh);
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error);
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error);
-
+ * SB_ERROR_FORMAT (no saved rod, cut short, damaged, a count out of its range); SB_ERROR_UNSUPPORTED (other version,
+ * precision or order of bytes); SB_ERROR_STATE (another def's, or more nodes than there is room for);
+ * SB_ERROR_NOT_FINITE. */
 NDL_API size_t ndl_rod_state_size(const ndl_rod *rod);
 NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error);
 
 
-#endif /* NDL_STATE_H */
+#endif /* NDL_ROD_STATE_H */
 
 #endif /* NEEDLE_H */
 
@@ -1427,17 +1419,28 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info);
 
-/* ==== src/needle/state.h, internal ==== */
-/* ---- internal: undo ----
- * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
- * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r); /* most, while the needles keep to what was reserved */
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
+/* ---- remesh_state.c ----
+ * Undo: into memory of at least the snapshot's size, and back into the remesher it is from, once the body is back. */
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *remesh);
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *remesh); /* most, while the needles keep to what was reserved */
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *remesh, void *buffer);
+NDLI_API void ndli_remesh_rewind(ndl_remesh *remesh, const void *buffer);
+/* Between the check of a saved state and its load or refusal: the nodes that the needle has in it, as of ndl_remesh_nodes. */
+NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count);
+
+/* ==== src/needle/rod_state.h, internal ==== */
+struct sbi_state_out;
+
+/* ---- internal: for undo and for the state of a body ----
+ * The same without checks; restoring cannot fail. */
 NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count); /* when it has so many nodes */
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
 NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
+/* The snapshot as part of a state. */
+NDLI_API void ndli_rod_put(const ndl_rod *rod, struct sbi_state_out *out);
+/* Whether in[size] begins with a snapshot that the rod may rewind to; used, nodes: its bytes and nodes. */
+NDLI_API sb_result ndli_rod_check(const ndl_rod *rod, const unsigned char *in, size_t size, size_t *used, int *nodes,
+                                  sb_error *error);
 
 /* ==== src/needle/real3.h ==== */
 /* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 6, internal. A rod is a million times stiffer along
@@ -1599,10 +1602,11 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b);
 
 enum { NDLI_IMAGE_VERSION = 1, NDLI_IMAGE_ORDER = 0x01020304 };
 
-/* Neither in nor out: measures. */
+/* None of the three: measures. */
 typedef struct ndli_image {
     unsigned char *out;
     const unsigned char *in;
+    sbi_state_out *state; /* of a body that the object is a part of */
     size_t used;
     int overflow;
 } ndli_image;
@@ -1619,6 +1623,11 @@ SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, s
         return at;
     }
     room = ndli_image_room(bytes);
+    if (image->state) {
+        static const unsigned char zeros[8] = {0};
+        sbi_state_put(image->state, array, bytes);
+        sbi_state_put(image->state, zeros, room - bytes);
+    }
     if (image->in && bytes)
         memcpy(array, image->in + at, bytes);
     if (image->out) {
@@ -5611,34 +5620,224 @@ NDLI_API int ndli_topology_first_tet(const ndli_topology *mesh, int i, int j)
     return -1;
 }
 
-/* ==== src/needle/remesh.c ==== */
-/* remesh: candidates, their comparison, the stack, smoothing, release.
- *
- * Candidates are tried on a copy of the tets about the tip, the patch, so that nothing needs to be taken back; only the
- * winner is done to the mesh. Two candidates are compared by the qualities they take away and bring: with D and C the
- * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
- * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
- * union of what any candidate changes, without that union. */
+/* ==== src/needle/rod_state.c ==== */
+/* rod_state: saves what a rod is at, and brings it back to the last bit. */
 
-
-#include <limits.h>
 #include <string.h>
 
-enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
-enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
-       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
-enum {
-    NDLI_SLIDE_SAMPLES = 10,
-    NDLI_MAX_SUBSTEPS = 1000,
-    NDLI_STUCK = 16,
-    NDLI_RELEASES = 4,
-    NDLI_FINALISTS = 6,
-    NDLI_RATED = 16
-};
-#define NDLI_REMESH_COOKIE 0x4e444c52u
 
-/* ---- what is kept ---- */
+static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
+
+static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
+
+typedef struct ndli_rod_head {
+    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
+    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
+    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
+    int none; /* fills the head up to whole doubles */
+} ndli_rod_head;
+
+static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
+    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
+    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
+    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
+    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
+    h->base_director[2] = rod->base_director.z;
+    h->energy_before = rod->energy_before;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_newton = rod->max_newton;
+    h->node_count = rod->node_count;
+    h->plain = rod->plain;
+    h->base_director_set = rod->base_director_set;
+    h->energy_monitored = rod->energy_monitored;
+    h->grips = rod->grips;
+}
+
+static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
+{
+    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
+    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
+    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
+    rod->energy_before = h->energy_before;
+    rod->node_count = h->node_count;
+    rod->plain = h->plain;
+    rod->base_director_set = h->base_director_set;
+    rod->energy_monitored = h->energy_monitored;
+    rod->grips = h->grips;
+}
+
+/* Returns where the bytes that are no numbers begin. */
+static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
+{
+    ndli_v3 *node_vectors[] = {rod->x, rod->v, rod->a, rod->target, rod->target_velocity, rod->force, rod->reaction};
+    ndli_v3 *edge_vectors[] = {rod->director, rod->tangent};
+    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,       rod->torque,
+                            rod->grip,  rod->grip_limit,  rod->anchor, rod->reaction_torque};
+    size_t n = (size_t)node_count, flags;
+    for (size_t i = 0; i < sizeof node_vectors / sizeof *node_vectors; i++)
+        ndli_image_part(image, node_vectors[i], n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_vectors / sizeof *edge_vectors; i++)
+        ndli_image_part(image, edge_vectors[i], n - 1, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_reals / sizeof *edge_reals; i++)
+        ndli_image_part(image, edge_reals[i], n - 1, sizeof(double));
+    ndli_image_part(image, rod->mass, n, sizeof(double));
+    ndli_image_part(image, rod->cell, n, sizeof(double));
+    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
+    flags = image->used;
+    ndli_image_part(image, rod->held, n, 1);
+    ndli_image_part(image, rod->has_velocity, n, 1);
+    ndli_image_part(image, rod->turn_held, n - 1, 1);
+    return flags;
+}
+
+static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_rod_head);
+    *flags = ndli_rod_walk(rod, node_count, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
+{
+    ndl_rod view = *rod;
+    size_t flags;
+    return ndli_rod_measure(&view, node_count, &flags);
+}
+
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
+{
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_take_head(rod, &head);
+    ndli_rod_walk(rod, head.node_count, &image);
+    ndli_rod_publish(rod);
+}
+
+static sb_result ndli_rod_check_head(const ndl_rod *rod, const ndli_rod_head *head, sb_error *error)
+{
+    ndli_rod_head own;
+    ndli_rod_fill_head(rod, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
+    if (memcmp(&own, head, 6 * sizeof(double)) != 0 || own.max_newton != head->max_newton)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
+    if (head->node_count > rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head->node_count,
+                        rod->capacity);
+    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count || !ndli_state_is_flag(head->plain) ||
+        !ndli_state_is_flag(head->base_director_set) || !ndli_state_is_flag(head->energy_monitored))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_rod_check(const ndl_rod *rod, const unsigned char *in, size_t size, size_t *used, int *nodes,
+                                  sb_error *error)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    size_t flags;
+    sb_result result;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
+    memcpy(&head, in, sizeof head);
+    result = ndli_rod_check_head(rod, &head, error);
+    if (result != SB_OK)
+        return result;
+    *used = ndli_rod_measure(&view, head.node_count, &flags);
+    *nodes = head.node_count;
+    if (*used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends before its %d nodes do", head.node_count);
+    for (size_t at = 0; at < flags; at += sizeof(double)) {
+        double value;
+        memcpy(&value, in + at, sizeof value);
+        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
+    }
+    return SB_OK;
+}
+
+NDLI_API void ndli_rod_put(const ndl_rod *rod, sbi_state_out *out)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+static sb_result ndli_rod_check_image(const ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    size_t told, used;
+    int nodes;
+    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
+    if (result != SB_OK)
+        return result;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_rod_check(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD, told, &used, &nodes, error);
+    if (result == SB_OK && used != told)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved rod goes on behind its nodes");
+    return result;
+}
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
+{
+    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_rod_state_size(rod);
+    if (!rod || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!rod)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
+    result = ndli_rod_check_image(rod, buffer, size, error);
+    if (result == SB_OK)
+        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
+}
+
+/* ==== src/needle/remesh_private.h ==== */
+/* remesh_private: what is inside a remesher. Floor 6, internal: remesh.c works on it, remesh_state.c keeps it. */
+#ifndef NDL_REMESH_PRIVATE_H
+#define NDL_REMESH_PRIVATE_H
+
+
+enum { NDLI_FINALISTS = 6 }; /* candidates that are smoothed before they are compared */
 
 /* A split that can be undone; its tets are pool[first ...], `size` per tet that was cut. */
 typedef struct ndli_split {
@@ -5708,6 +5907,8 @@ struct ndl_remesh {
     int listener;          /* its number at the body */
     int own;               /* 1: the change that the body makes is ours */
     int stale;             /* 1: the body has got another mesh, which is not read yet */
+    int joined;            /* 1: it is a part of the body's state */
+    ndl_remesh *staged;    /* what a saved state that passed its checks will make of this; else NULL */
     ndli_leaving *leaving; /* nodes that the change under way takes out */
     int leaving_count, leaving_capacity;
     ndli_needle *needles;
@@ -5735,6 +5936,765 @@ struct ndl_remesh {
     int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
     void *scratch;
 };
+
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+SB_INLINE int ndli_remesh_has(const int nodes[4], int node)
+{
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+SB_INLINE int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
+{
+    for (int i = 0; i < size; i++)
+        if (!ndli_remesh_has(nodes, simplex[i]))
+            return 0;
+    return 1;
+}
+
+/* ---- remesh_state.c ---- */
+
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. 0: there is none. */
+NDLI_API int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int counts[3]);
+/* Frees what it knows of mesh and needles. Safe on NULL. */
+NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r);
+
+/* What the ints of a command begin with; then the needle, and what the call returned. */
+typedef enum ndli_remesh_command {
+    NDLI_COMMAND_PUNCTURE = 1, /* and tet, face; along, X, slip */
+    NDLI_COMMAND_PENETRATE = 2, /* X */
+    NDLI_COMMAND_RETRACT = 3,   /* X */
+    NDLI_COMMAND_WITHDRAW = 4,
+    NDLI_COMMAND_MADE = 5, /* the remesher was created, or destroyed */
+    NDLI_COMMAND_GONE = 6
+} ndli_remesh_command;
+
+typedef sb_result (*ndli_remesh_replay)(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                        size_t real_count, sb_error *error);
+/* The remesher joins the state and the recording of its body. */
+NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error);
+NDLI_API void ndli_remesh_leave(ndl_remesh *r);
+/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it is
+ * not told, as calls with numbers that are none are not: they change nothing. */
+NDLI_API void ndli_remesh_hush(ndl_remesh *r);
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count);
+NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                        sb_result result);
+NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result);
+NDLI_API void ndli_remesh_tell_withdraw(ndl_remesh *r, int needle, sb_result result);
+#endif
+
+#endif /* NDL_REMESH_PRIVATE_H */
+
+/* ==== src/needle/remesh_state.c ==== */
+/* remesh_state: what a remesher knows: its memory, in undo, in the saved state of its body and in its recording. */
+
+#include <limits.h>
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
+{
+    size_t room = (size_t)needed + (size_t)needed / 2;
+    void *grown;
+    if (needed <= *capacity)
+        return 1;
+    grown = sbi_alloc(&r->def.allocator, room, size);
+    if (!grown)
+        return 0;
+    if (used)
+        memcpy(grown, *array, (size_t)used * size);
+    sbi_free(&r->def.allocator, *array);
+    *array = grown;
+    *capacity = (int)room;
+    return 1;
+}
+
+NDLI_API int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int counts[3])
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool, *leaving = r->leaving;
+    int splits = 0, good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    for (int i = 0; i < r->def.max_needles; i++)
+        splits += r->needles[i].stack_capacity;
+    good = good && ndli_remesh_grow(r, &leaving, &r->leaving_capacity, 0, splits, sizeof(ndli_leaving));
+    r->leaving = (ndli_leaving *)leaving;
+    return good;
+}
+
+NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r)
+{
+    if (!r)
+        return;
+    for (int i = 0; r->needles && i < r->def.max_needles; i++) {
+        sbi_free(&r->def.allocator, r->needles[i].nodes);
+        sbi_free(&r->def.allocator, r->needles[i].stack);
+        sbi_free(&r->def.allocator, r->needles[i].pool);
+    }
+    sbi_free(&r->def.allocator, r->needles);
+    sbi_free(&r->def.allocator, r->leaving);
+    ndli_topology_free(&r->topology);
+}
+
+/* ---- the image ---- */
+
+typedef struct ndli_remesh_head {
+    double smooth_below, release_above, entry_slip;
+    uint64_t mesh; /* hash of the mesh; 0 in snapshots */
+    int order, max_needles, interfaces, max_smoothed, release_cursor;
+    int stale; /* 1: the image ends here; nothing is known of the mesh that the body has got from others */
+} ndli_remesh_head;
+
+/* Free slots at the end do not count: they may have been merged. */
+static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
+{
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash;
+    while (nodes > 0 && !mesh->node_flags[nodes - 1])
+        nodes--;
+    while (tets > 0 && mesh->tets[4 * (tets - 1)] < 0)
+        tets--;
+    hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    return ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
+}
+
+static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->smooth_below = (double)r->def.smooth_below;
+    h->release_above = (double)r->def.release_above;
+    h->entry_slip = (double)r->def.entry_slip;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_needles = r->def.max_needles;
+    h->interfaces = (int)r->def.interfaces;
+    h->max_smoothed = r->def.max_smoothed;
+    h->release_cursor = r->stale ? 0 : r->release_cursor;
+    h->stale = r->stale;
+}
+
+/* A split's simplex in four places, those that it does not use 0. */
+static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+{
+    ndli_split whole;
+    memset(&whole, 0, sizeof whole);
+    if (split && !image->in) {
+        whole = *split;
+        for (int i = whole.size; i < 4; i++)
+            whole.simplex[i] = 0;
+    }
+    ndli_image_part(image, &whole, 1, sizeof whole);
+    if (image->in)
+        *split = whole;
+}
+
+/* counts: [3] nodes, splits, pool */
+static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+{
+    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
+    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
+        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
+    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
+}
+
+/* Measures or writes. */
+static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
+{
+    ndli_remesh_head head;
+    ndli_topology topology = *r->mesh;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    ndli_remesh_fill_head(r, &head);
+    head.mesh = mesh;
+    ndli_image_part(image, &head, 1, sizeof head);
+    if (r->stale)
+        return;
+    ndli_topology_counts(&topology, counts);
+    ndli_image_part(image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(&topology, counts, image);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int sizes[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, image);
+    }
+}
+
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_remesh_write(r, 0, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
+{
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS] = {0, 0, 0, 0};
+    size_t sum;
+    memset(&image, 0, sizeof image);
+    counts[0] = counts[1] = topology.node_capacity;
+    ndli_topology_walk(&topology, counts, &image);
+    sum = ndli_image_room(sizeof(ndli_remesh_head)) + ndli_image_room(sizeof counts) + image.used;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
+               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
+               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
+    }
+    return sum;
+}
+
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_remesh_write(r, 0, &image);
+}
+
+/* Takes an image that is good, once the body has the mesh that goes with it. */
+static void ndli_remesh_read(ndl_remesh *r, const sb_body *body, const void *buffer)
+{
+    ndli_remesh_head head;
+    ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    memset(&head, 0, sizeof head);
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    r->release_cursor = head.release_cursor;
+    ndli_image_part(&image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(r->mesh, counts, &image);
+    ndli_topology_recall(r->mesh, counts, body);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int sizes[4];
+        ndli_image_part(&image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, &image);
+        r->needles[i].count = sizes[0];
+        r->needles[i].depth = sizes[1];
+        r->needles[i].pool_count = sizes[2];
+    }
+}
+
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
+{
+    ndli_remesh_read(r, r->body, buffer);
+    r->stale = 0;
+}
+
+/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
+static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
+{
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
+        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
+        return 0;
+    for (int i = 0; i < s->size; i++) {
+        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
+            return 0;
+        for (int j = 0; j < i; j++)
+            if (s->simplex[i] == s->simplex[j])
+                return 0;
+    }
+    return 1;
+}
+
+static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
+{
+    for (int i = 0; i < count; i++) {
+        int slot = ndli_image_int(slots, (size_t)i);
+        if (slot < 0 || slot >= end)
+            return 0;
+    }
+    return 1;
+}
+
+/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
+ * out */
+static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
+{
+    ndli_needle none;
+    ndli_image image;
+    size_t stack, pool;
+    memset(&none, 0, sizeof none);
+    memset(&image, 0, sizeof image);
+    image.used = 4 * sizeof(int);
+    if (left < image.used)
+        return 0;
+    memcpy(counts, in, 4 * sizeof(int));
+    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
+        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
+        return 0;
+    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
+    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+    ndli_remesh_walk_needle(&none, counts, &image);
+    if (image.overflow || image.used > left ||
+        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
+        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
+        return 0;
+    for (int i = 0; i < counts[1]; i++) {
+        ndli_split split;
+        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
+        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
+            return 0;
+    }
+    return image.used;
+}
+
+/* ---- the rehearsal of an image ----
+ * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
+ * of an image are undone on a copy of the topology first. */
+typedef struct ndli_rehearsal {
+    const ndli_topology *mesh;
+    const unsigned char *owners, *flags; /* [node_end] of the image */
+    int node_end;
+    int *tets;   /* [tet_end][4]; first -1: not in use */
+    int *stars;  /* [node_end] tets of a node; -1: undone */
+    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    unsigned char *threaded; /* [node_end] 1: on a needle */
+} ndli_rehearsal;
+
+static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
+{
+    for (int c = 0; c < 4; c++)
+        h->stars[nodes[c]] += step;
+}
+
+/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
+static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
+{
+    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
+    for (int j = 0; j < s->size; j++) {
+        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
+            return 0;
+        h->takers[parts[j]] = needle;
+    }
+    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
+        return 0;
+    for (int c = 0; c < 4; c++)
+        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
+    if (!ndli_remesh_holds(whole, s->simplex, s->size))
+        return 0;
+    for (int j = 1; j < s->size; j++) {
+        int *part = h->tets + 4 * (size_t)parts[j];
+        for (int c = 0; c < 4; c++)
+            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
+                return 0;
+        ndli_rehearsal_count(h, part, -1);
+        part[0] = -1;
+    }
+    ndli_rehearsal_count(h, first, -1);
+    ndli_rehearsal_count(h, whole, 1);
+    memcpy(first, whole, sizeof whole);
+    return 1;
+}
+
+/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
+static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
+                               int pool_count, int needle)
+{
+    int end = pool_count;
+    for (int i = depth - 1; i >= 0; i--) {
+        ndli_split s;
+        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
+        if (s.first + s.size * s.count != end || s.node >= h->node_end || !(h->flags[s.node] & NDLI_NODE_CREATED) ||
+            h->stars[s.simplex[0]] < 1)
+            return 0;
+        end = s.first;
+        for (int g = 0; g < s.count; g++) {
+            int parts[4];
+            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
+            if (!ndli_rehearsal_join(h, &s, parts, needle))
+                return 0;
+        }
+        if (h->stars[s.node] != 0)
+            return 0;
+        h->stars[s.node] = -1;
+    }
+    return end == 0;
+}
+
+/* Nodes of a needle, entry first: its own, each once, joined by edges. */
+static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
+{
+    const ndli_topology *mesh = h->mesh;
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
+        if (node >= h->node_end || !(h->flags[node] & NDLI_NODE_NEEDLE) ||
+            ndli_image_int(h->owners, (size_t)node) != needle || h->threaded[node])
+            return 0;
+        h->threaded[node] = 1;
+        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
+            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
+        if (!joined)
+            return 0;
+    }
+    return 1;
+}
+
+static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    sbi_free(&r->def.allocator, h->tets);
+    sbi_free(&r->def.allocator, h->stars);
+    sbi_free(&r->def.allocator, h->takers);
+    sbi_free(&r->def.allocator, h->threaded);
+}
+
+/* 0: no memory. */
+static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
+    h->mesh = r->mesh;
+    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
+    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
+    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
+    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
+    if (!h->tets || !h->stars || !h->takers || !h->threaded)
+        return 0;
+    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
+    for (size_t t = 0; t < tets; t++) {
+        h->takers[t] = -1;
+        if (h->tets[4 * t] >= 0)
+            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
+    }
+    return 1;
+}
+
+/* Every needle of an image whose indices are in their ranges. */
+static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
+{
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
+        int counts[4];
+        memcpy(counts, in, sizeof counts);
+        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
+        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
+            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the body", i);
+        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
+    }
+    for (int i = 0; i < h->node_end; i++)
+        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d", i);
+    return SB_OK;
+}
+
+/* Where the needles of an image begin; 0: its counts are none. counts: out. */
+static size_t ndli_remesh_needles_at(const ndl_remesh *r, const unsigned char *in, size_t size, int *counts)
+{
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    size_t at = sizeof(ndli_remesh_head);
+    if (size < at + NDLI_TOPOLOGY_COUNTS * sizeof(int))
+        return 0;
+    memcpy(counts, in + at, NDLI_TOPOLOGY_COUNTS * sizeof(int));
+    if (counts[0] < 0 || counts[0] > topology.node_end || counts[1] < 0 || counts[1] > counts[0] || counts[2] < 0 ||
+        counts[3] < 0 || counts[2] > topology.node_capacity || counts[3] > topology.tet_capacity)
+        return 0;
+    memset(&image, 0, sizeof image);
+    image.used = at + NDLI_TOPOLOGY_COUNTS * sizeof(int);
+    ndli_topology_walk(&topology, counts, &image);
+    return image.overflow || image.used > size ? 0 : image.used;
+}
+
+static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, size_t size, sb_error *error)
+{
+    ndli_rehearsal rehearsal;
+    sb_result result;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    size_t needles = ndli_remesh_needles_at(r, in, size, counts);
+    memset(&rehearsal, 0, sizeof rehearsal);
+    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
+    rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
+    rehearsal.node_end = counts[0];
+    result = ndli_rehearsal_begin(r, &rehearsal)
+                 ? ndli_rehearsal_play(r, &rehearsal, in + needles, error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
+    ndli_rehearsal_free(r, &rehearsal);
+    return result;
+}
+
+static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+{
+    ndli_remesh_head own;
+    ndli_remesh_fill_head(r, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
+    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
+        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
+        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
+    if (head->stale)
+        return SB_OK;
+    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it is not of the body's mesh");
+    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
+                        head->release_cursor);
+    return SB_OK;
+}
+
+/* Checks what follows an image's head; room = 1: makes room for the needles, which the checks have passed. */
+static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
+{
+    int memory[NDLI_TOPOLOGY_COUNTS];
+    sb_result result = SB_OK;
+    size_t at = ndli_remesh_needles_at(r, in, size, memory);
+    if (at == 0)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
+    if (result == SB_OK && !room)
+        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory, r->def.max_needles, error);
+    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
+        int counts[4];
+        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
+        at += used;
+        if (!used)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
+        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
+    return result;
+}
+
+/* ---- the part of the body's state ---- */
+
+/* By its name it comes before that of the needles, which are checked against it. */
+static const char ndli_remesh_name[] = "mesher";
+enum { NDLI_REMESH_VERSION = 1 };
+
+static void ndli_remesh_save_part(const void *user, sbi_state_out *out)
+{
+    const ndl_remesh *r = (const ndl_remesh *)user;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_remesh_write(r, r->stale ? 0 : ndli_remesh_hash_mesh(r->mesh), &image);
+    out->overflow |= image.overflow;
+}
+
+static void ndli_remesh_give_up_part(void *user)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    ndli_remesh_free_knowledge(r->staged);
+    if (r->staged)
+        sbi_free(&r->def.allocator, r->staged);
+    r->staged = NULL;
+}
+
+/* What needles had reserved, so that steps after a load take no more memory than before it. */
+static int ndli_remesh_stage_room(const ndl_remesh *r)
+{
+    int good = 1;
+    for (int i = 0; good && i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        int counts[3];
+        counts[0] = needle->node_capacity / 3 * 2; /* it takes half as many again */
+        counts[1] = needle->stack_capacity / 3 * 2;
+        counts[2] = needle->pool_capacity / 3 * 2;
+        good = ndli_remesh_make_room(r->staged, r->staged->needles + i, counts);
+    }
+    return good;
+}
+
+/* A remesher of the body that has nothing but its knowledge. */
+static sb_result ndli_remesh_stage(ndl_remesh *r, const sb_body *body, sb_error *error)
+{
+    ndl_remesh *staged = (ndl_remesh *)sbi_alloc_zeroed(&r->def.allocator, 1, sizeof *staged);
+    r->staged = staged;
+    if (staged) {
+        staged->def = r->def;
+        staged->mesh = &staged->topology;
+        staged->topology.allocator = r->def.allocator;
+        staged->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles,
+                                                          sizeof(ndli_needle));
+        if (staged->needles && ndli_topology_read(staged->mesh, body) && ndli_remesh_stage_room(r))
+            return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a saved remesher");
+}
+
+static sb_result ndli_remesh_check_part(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    ndli_remesh_head head;
+    sb_result result;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
+    memcpy(&head, bytes, sizeof head);
+    result = ndli_remesh_stage(r, body, error);
+    if (result == SB_OK)
+        result = ndli_remesh_check_head(r->staged, &head, error);
+    if (result == SB_OK && head.stale && (head.stale != 1 || size != sizeof head))
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged in its head");
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_pass(r->staged, bytes, size, 0, error);
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_rehearse(r->staged, bytes, size, error);
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_pass(r->staged, bytes, size, 1, error);
+    if (result != SB_OK) {
+        ndli_remesh_give_up_part(r);
+        return result;
+    }
+    r->staged->stale = head.stale;
+    if (!head.stale)
+        ndli_remesh_read(r->staged, body, bytes);
+    return SB_OK;
+}
+
+NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count)
+{
+    *count = remesh->staged->stale ? 0 : remesh->staged->needles[needle].count;
+    return remesh->staged->needles[needle].nodes;
+}
+
+static void ndli_remesh_load_part(void *user, const unsigned char *bytes, size_t size)
+{
+    ndl_remesh *r = (ndl_remesh *)user, *staged = r->staged, old = *r;
+    (void)bytes;
+    (void)size;
+    r->topology = staged->topology;
+    r->needles = staged->needles;
+    r->leaving = staged->leaving;
+    r->leaving_capacity = staged->leaving_capacity;
+    r->release_cursor = staged->release_cursor;
+    r->stale = staged->stale;
+    staged->topology = old.topology;
+    staged->needles = old.needles;
+    staged->leaving = old.leaving;
+    ndli_remesh_give_up_part(r);
+    ndli_topology_look(r->mesh, r->body);
+}
+
+/* ---- recording ---- */
+
+NDLI_API void ndli_remesh_hush(ndl_remesh *r)
+{
+    if (r)
+        sbi_body_mute(r->body);
+}
+
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count)
+{
+    int good = ints != NULL;
+    sbi_body_unmute(r->body);
+    for (size_t i = 0; i < real_count; i++)
+        good &= sb_is_finite(reals[i]);
+    if (good)
+        sbi_body_tell_part(r->body, ndli_remesh_name, ints, int_count, reals, real_count);
+}
+
+NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                        sb_result result)
+{
+    int ints[5];
+    sb_real reals[5];
+    if (!r)
+        return;
+    if (!hit) {
+        ndli_remesh_tell(r, NULL, 0, NULL, 0);
+        return;
+    }
+    ints[0] = NDLI_COMMAND_PUNCTURE, ints[1] = needle, ints[2] = (int)result, ints[3] = hit->tet, ints[4] = hit->face;
+    reals[0] = hit->along, reals[1] = hit->X.x, reals[2] = hit->X.y, reals[3] = hit->X.z, reals[4] = slip;
+    ndli_remesh_tell(r, ints, 5, reals, 5);
+}
+
+NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result)
+{
+    int ints[3];
+    sb_real reals[3];
+    if (!r)
+        return;
+    ints[0] = forward ? NDLI_COMMAND_PENETRATE : NDLI_COMMAND_RETRACT, ints[1] = needle, ints[2] = (int)result;
+    reals[0] = X.x, reals[1] = X.y, reals[2] = X.z;
+    ndli_remesh_tell(r, ints, 3, reals, 3);
+}
+
+NDLI_API void ndli_remesh_tell_withdraw(ndl_remesh *r, int needle, sb_result result)
+{
+    int ints[3];
+    if (!r)
+        return;
+    ints[0] = NDLI_COMMAND_WITHDRAW, ints[1] = needle, ints[2] = (int)result;
+    ndli_remesh_tell(r, ints, 3, NULL, 0);
+}
+
+/* A recording cannot make a remesher, nor end one: it says so when it is played. */
+static void ndli_remesh_tell_life(ndl_remesh *r, ndli_remesh_command command)
+{
+    int ints[3];
+    ints[0] = (int)command, ints[1] = 0, ints[2] = SB_OK;
+    sbi_body_tell_part(r->body, ndli_remesh_name, ints, 3, NULL, 0);
+}
+
+NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error)
+{
+    sbi_state_part part;
+    sb_result result;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, ndli_remesh_name, sizeof ndli_remesh_name);
+    part.version = NDLI_REMESH_VERSION;
+    part.user = r;
+    part.save = ndli_remesh_save_part;
+    part.check = ndli_remesh_check_part;
+    part.load = ndli_remesh_load_part;
+    part.give_up = ndli_remesh_give_up_part;
+    part.replay = replay;
+    result = sbi_body_join(r->body, &part, error);
+    r->joined = result == SB_OK;
+    if (result == SB_ERROR_ARGUMENT)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body has a remesher already");
+    if (r->joined)
+        ndli_remesh_tell_life(r, NDLI_COMMAND_MADE);
+    return result;
+}
+
+NDLI_API void ndli_remesh_leave(ndl_remesh *r)
+{
+    if (!r->joined)
+        return;
+    ndli_remesh_tell_life(r, NDLI_COMMAND_GONE);
+    sbi_body_leave(r->body, ndli_remesh_name);
+    r->joined = 0;
+}
+
+/* ==== src/needle/remesh.c ==== */
+/* remesh: candidates, their comparison, the stack, smoothing, release.
+ *
+ * Candidates are tried on a copy of the tets about the tip, the patch, so that nothing needs to be taken back; only the
+ * winner is done to the mesh. Two candidates are compared by the qualities they take away and bring: with D and C the
+ * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
+ * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
+ * union of what any candidate changes, without that union. */
+
+
+#include <limits.h>
+#include <string.h>
+
+enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
+enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
+enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
+       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
+enum {
+    NDLI_SLIDE_SAMPLES = 10,
+    NDLI_MAX_SUBSTEPS = 1000,
+    NDLI_STUCK = 16,
+    NDLI_RELEASES = 4,
+    NDLI_RATED = 16
+};
+#define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- memory ---- */
 
@@ -5793,40 +6753,6 @@ static int ndli_remesh_scratch(ndl_remesh *r, int needed)
     sbi_free(&r->def.allocator, r->scratch);
     *r = grown;
     return 1;
-}
-
-static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
-{
-    size_t room = (size_t)needed + (size_t)needed / 2;
-    void *grown;
-    if (needed <= *capacity)
-        return 1;
-    grown = sbi_alloc(&r->def.allocator, room, size);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, (size_t)used * size);
-    sbi_free(&r->def.allocator, *array);
-    *array = grown;
-    *capacity = (int)room;
-    return 1;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool, *leaving = r->leaving;
-    int splits = 0, good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    for (int i = 0; i < r->def.max_needles; i++)
-        splits += r->needles[i].stack_capacity;
-    good = good && ndli_remesh_grow(r, &leaving, &r->leaving_capacity, 0, splits, sizeof(ndli_leaving));
-    r->leaving = (ndli_leaving *)leaving;
-    return good;
 }
 
 /* All that one operation may need, before anything changes. */
@@ -5922,106 +6848,7 @@ NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own) { remesh->own = o
 NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh) { return remesh->stale; }
 NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh) { return remesh->mesh; }
 
-/* ---- creation ---- */
-
-static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
-{
-    if (sbi_body_mesh(body).element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
-    if (sbi_body_node_slots(body).room == 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
-    return SB_OK;
-}
-
-static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
-{
-    sb_body_listener listener;
-    memset(&listener, 0, sizeof listener);
-    listener.user = r;
-    listener.reserve = ndli_remesh_hear;
-    listener.follow = ndli_remesh_follow;
-    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
-    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
-    return sb_body_listen(r->body, &listener, &r->listener, error);
-}
-
-NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
-{
-    ndl_remesh *made;
-    sb_result result = ndli_remesh_check_def(def, error);
-    if (result == SB_OK && !remesh)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    if (result == SB_OK)
-        result = ndli_remesh_check_body(def->body, error);
-    if (result != SB_OK)
-        return result;
-    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
-    made->def = *def;
-    made->body = def->body;
-    made->mesh = &made->topology;
-    made->topology.allocator = def->allocator;
-    result = ndli_remesh_fill(made, error);
-    if (result != SB_OK) {
-        ndl_remesh_destroy(made);
-        return result;
-    }
-    *remesh = made;
-    return SB_OK;
-}
-
-NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
-{
-    sb_allocator allocator;
-    if (!remesh)
-        return;
-    allocator = remesh->def.allocator;
-    for (int i = 0; remesh->needles && i < remesh->def.max_needles; i++) {
-        sbi_free(&allocator, remesh->needles[i].nodes);
-        sbi_free(&allocator, remesh->needles[i].stack);
-        sbi_free(&allocator, remesh->needles[i].pool);
-    }
-    if (remesh->listener)
-        sb_body_unlisten(remesh->body, remesh->listener);
-    ndli_topology_free(&remesh->topology);
-    sbi_free(&allocator, remesh->needles);
-    sbi_free(&allocator, remesh->leaving);
-    sbi_free(&allocator, remesh->scratch);
-    sbi_free(&allocator, remesh);
-}
-
-NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
-{
-    ndli_needle *n;
-    int counts[3];
-    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
-    if (needle < 0 || needle >= remesh->def.max_needles)
-        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
-    n = remesh->needles + needle;
-    counts[0] = counts[1] = nodes;
-    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
-    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
-    return SB_OK;
-}
-
 /* ---- the patch ---- */
-
-static int ndli_remesh_has(const int nodes[4], int node)
-{
-    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
-}
-
-static int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
-{
-    for (int i = 0; i < size; i++)
-        if (!ndli_remesh_has(nodes, simplex[i]))
-            return 0;
-    return 1;
-}
 
 /* Nodes of the needle counted from its tip; -1 when there are not so many. */
 static int ndli_remesh_from_tip(const ndli_needle *needle, int i)
@@ -7469,16 +8296,23 @@ NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3
 NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                        sb_error *error)
 {
-    return ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 1, result);
+    return result;
 }
 
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error)
 {
     ndl_remesh_info done;
-    sb_result result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
     if (result == SB_OK && done.outside)
         result = ndl_remesh_withdraw(remesh, needle, NULL, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 0, result);
     if (result == SB_OK && done.outside)
         done.worst_quality = 1;
     if (info && remesh)
@@ -7648,7 +8482,12 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    sb_real slip = remesh ? remesh->def.entry_slip : 0;
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_puncture_within(remesh, needle, hit, slip, info, error);
+    ndli_remesh_tell_puncture(remesh, needle, hit, slip, result);
+    return result;
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
@@ -7709,7 +8548,7 @@ static void ndli_remesh_mark(ndl_remesh *r, int needle, int in)
     }
 }
 
-NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+static sb_result ndli_remesh_do_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, -1, info, error);
     int others = 0, count;
@@ -7733,6 +8572,15 @@ NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh
     if (info)
         *info = remesh->info;
     return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+{
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_do_withdraw(remesh, needle, info, error);
+    ndli_remesh_tell_withdraw(remesh, needle, result);
+    return result;
 }
 
 NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle)
@@ -7855,644 +8703,127 @@ NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error)
     return result == SB_OK ? ndli_remesh_check_cells(remesh, error) : result;
 }
 
-/* ---- state ---- */
+/* ---- recording ---- */
 
-static const char ndli_remesh_magic[9] = "NDLREME\x1a";
-
-typedef struct ndli_remesh_head {
-    double smooth_below, release_above, entry_slip;
-    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
-    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
-} ndli_remesh_head;
-
-/* Free slots at the end do not count: they may have been merged. */
-static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
+static sb_result ndli_remesh_repeat(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
 {
-    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash;
-    while (nodes > 0 && !mesh->node_flags[nodes - 1])
-        nodes--;
-    while (tets > 0 && mesh->tets[4 * (tets - 1)] < 0)
-        tets--;
-    hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
-    return ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
-}
-
-static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
-{
-    memset(h, 0, sizeof *h);
-    h->smooth_below = (double)r->def.smooth_below;
-    h->release_above = (double)r->def.release_above;
-    h->entry_slip = (double)r->def.entry_slip;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_needles = r->def.max_needles;
-    h->interfaces = (int)r->def.interfaces;
-    h->max_smoothed = r->def.max_smoothed;
-    h->release_cursor = r->release_cursor;
-}
-
-/* A split's simplex in four places, those that it does not use 0. */
-static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
-{
-    ndli_split whole;
-    memset(&whole, 0, sizeof whole);
-    if (image->out) {
-        whole = *split;
-        for (int i = whole.size; i < 4; i++)
-            whole.simplex[i] = 0;
+    int needle = ints[1];
+    if (ints[0] == NDLI_COMMAND_PUNCTURE && int_count == 5 && real_count == 5) {
+        ndl_surface_hit hit;
+        hit.tet = ints[3], hit.face = ints[4], hit.along = reals[0], hit.X = sb_v3(reals[1], reals[2], reals[3]);
+        return ndli_remesh_puncture_within(r, needle, &hit, reals[4], NULL, error);
     }
-    ndli_image_part(image, &whole, 1, sizeof whole);
-    if (image->in)
-        *split = whole;
+    if (ints[0] == NDLI_COMMAND_PENETRATE && real_count == 3)
+        return ndl_remesh_penetrate(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_RETRACT && real_count == 3)
+        return ndl_remesh_retract(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_WITHDRAW)
+        return ndl_remesh_withdraw(r, needle, NULL, error);
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that there is not");
 }
 
-/* counts: [3] nodes, splits, pool */
-static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
 {
-    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
-        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
-    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
-}
-
-/* Measures or writes. */
-static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
-{
-    ndli_remesh_head head;
-    ndli_topology topology = *r->mesh;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    ndli_remesh_fill_head(r, &head);
-    head.mesh = mesh;
-    ndli_image_part(image, &head, 1, sizeof head);
-    ndli_topology_counts(&topology, counts);
-    ndli_image_part(image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
-    ndli_topology_walk(&topology, counts, image);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int sizes[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
-        ndli_image_part(image, sizes, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, sizes, image);
-    }
-}
-
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    ndli_remesh_write(r, 0, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
-{
-    ndli_topology topology = *r->mesh;
-    ndli_image image;
-    int counts[NDLI_TOPOLOGY_COUNTS] = {0, 0, 0, 0};
-    size_t sum;
-    memset(&image, 0, sizeof image);
-    counts[0] = counts[1] = topology.node_capacity;
-    ndli_topology_walk(&topology, counts, &image);
-    sum = ndli_image_room(sizeof(ndli_remesh_head)) + ndli_image_room(sizeof counts) + image.used;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const ndli_needle *needle = r->needles + i;
-        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
-               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
-               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
-    }
-    return sum;
-}
-
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_remesh_write(r, 0, &image);
-}
-
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
-{
-    ndli_remesh_head head;
-    ndli_image image;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    memset(&head, 0, sizeof head);
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    r->release_cursor = head.release_cursor;
-    ndli_image_part(&image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
-    ndli_topology_walk(r->mesh, counts, &image);
-    ndli_topology_recall(r->mesh, counts, r->body);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int sizes[4];
-        ndli_image_part(&image, sizes, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, sizes, &image);
-        r->needles[i].count = sizes[0];
-        r->needles[i].depth = sizes[1];
-        r->needles[i].pool_count = sizes[2];
-    }
-    r->stale = 0;
-}
-
-/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
-{
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
-        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
-        return 0;
-    for (int i = 0; i < s->size; i++) {
-        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
-            return 0;
-        for (int j = 0; j < i; j++)
-            if (s->simplex[i] == s->simplex[j])
-                return 0;
-    }
-    return 1;
-}
-
-static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
-{
-    for (int i = 0; i < count; i++) {
-        int slot = ndli_image_int(slots, (size_t)i);
-        if (slot < 0 || slot >= end)
-            return 0;
-    }
-    return 1;
-}
-
-/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
- * out */
-static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
-{
-    ndli_needle none;
-    ndli_image image;
-    size_t stack, pool;
-    memset(&none, 0, sizeof none);
-    memset(&image, 0, sizeof image);
-    image.used = 4 * sizeof(int);
-    if (left < image.used)
-        return 0;
-    memcpy(counts, in, 4 * sizeof(int));
-    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
-        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
-        return 0;
-    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
-    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-    ndli_remesh_walk_needle(&none, counts, &image);
-    if (image.overflow || image.used > left ||
-        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
-        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
-        return 0;
-    for (int i = 0; i < counts[1]; i++) {
-        ndli_split split;
-        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
-        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
-            return 0;
-    }
-    return image.used;
-}
-
-/* ---- the rehearsal of an image ----
- * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
- * of an image are undone on a copy of the tissue's topology first. */
-typedef struct ndli_rehearsal {
-    const ndli_topology *mesh;
-    const unsigned char *owners, *flags; /* [node_end] of the image */
-    int node_end;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
-    unsigned char *threaded; /* [node_end] 1: on a needle */
-} ndli_rehearsal;
-
-static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
-{
-    for (int c = 0; c < 4; c++)
-        h->stars[nodes[c]] += step;
-}
-
-/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
-static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
-{
-    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
-    for (int j = 0; j < s->size; j++) {
-        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
-            return 0;
-        h->takers[parts[j]] = needle;
-    }
-    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
-        return 0;
-    for (int c = 0; c < 4; c++)
-        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
-    if (!ndli_remesh_holds(whole, s->simplex, s->size))
-        return 0;
-    for (int j = 1; j < s->size; j++) {
-        int *part = h->tets + 4 * (size_t)parts[j];
-        for (int c = 0; c < 4; c++)
-            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
-                return 0;
-        ndli_rehearsal_count(h, part, -1);
-        part[0] = -1;
-    }
-    ndli_rehearsal_count(h, first, -1);
-    ndli_rehearsal_count(h, whole, 1);
-    memcpy(first, whole, sizeof whole);
-    return 1;
-}
-
-/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
-static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
-                               int pool_count, int needle)
-{
-    int end = pool_count;
-    for (int i = depth - 1; i >= 0; i--) {
-        ndli_split s;
-        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || s.node >= h->node_end || !(h->flags[s.node] & NDLI_NODE_CREATED) ||
-            h->stars[s.simplex[0]] < 1)
-            return 0;
-        end = s.first;
-        for (int g = 0; g < s.count; g++) {
-            int parts[4];
-            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
-            if (!ndli_rehearsal_join(h, &s, parts, needle))
-                return 0;
-        }
-        if (h->stars[s.node] != 0)
-            return 0;
-        h->stars[s.node] = -1;
-    }
-    return end == 0;
-}
-
-/* Nodes of a needle, entry first: its own, each once, joined by edges. */
-static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
-{
-    const ndli_topology *mesh = h->mesh;
-    for (int i = 0; i < count; i++) {
-        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (node >= h->node_end || !(h->flags[node] & NDLI_NODE_NEEDLE) ||
-            ndli_image_int(h->owners, (size_t)node) != needle || h->threaded[node])
-            return 0;
-        h->threaded[node] = 1;
-        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
-            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
-        if (!joined)
-            return 0;
-    }
-    return 1;
-}
-
-static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    sbi_free(&r->def.allocator, h->tets);
-    sbi_free(&r->def.allocator, h->stars);
-    sbi_free(&r->def.allocator, h->takers);
-    sbi_free(&r->def.allocator, h->threaded);
-}
-
-/* 0: no memory. */
-static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
-    h->mesh = r->mesh;
-    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
-    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
-    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
-    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
-    if (!h->tets || !h->stars || !h->takers || !h->threaded)
-        return 0;
-    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
-    for (size_t t = 0; t < tets; t++) {
-        h->takers[t] = -1;
-        if (h->tets[4 * t] >= 0)
-            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
-    }
-    return 1;
-}
-
-/* Every needle of an image whose indices are in their ranges. */
-static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
-{
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
-        int counts[4];
-        memcpy(counts, in, sizeof counts);
-        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
-        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
-            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the tissue", i);
-        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
-    }
-    for (int i = 0; i < h->node_end; i++)
-        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
-    return SB_OK;
-}
-
-/* Where the needles of an image begin; 0: its counts are none. counts: out. */
-static size_t ndli_remesh_needles_at(const ndl_remesh *r, const unsigned char *in, size_t size, int *counts)
-{
-    ndli_topology topology = *r->mesh;
-    ndli_image image;
-    size_t at = sizeof(ndli_remesh_head);
-    if (size < at + NDLI_TOPOLOGY_COUNTS * sizeof(int))
-        return 0;
-    memcpy(counts, in + at, NDLI_TOPOLOGY_COUNTS * sizeof(int));
-    if (counts[0] < 0 || counts[0] > topology.node_end || counts[1] < 0 || counts[1] > counts[0] || counts[2] < 0 ||
-        counts[3] < 0 || counts[2] > topology.node_capacity || counts[3] > topology.tet_capacity)
-        return 0;
-    memset(&image, 0, sizeof image);
-    image.used = at + NDLI_TOPOLOGY_COUNTS * sizeof(int);
-    ndli_topology_walk(&topology, counts, &image);
-    return image.overflow || image.used > size ? 0 : image.used;
-}
-
-static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, size_t size, sb_error *error)
-{
-    ndli_rehearsal rehearsal;
+    ndl_remesh *r = (ndl_remesh *)user;
     sb_result result;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    size_t needles = ndli_remesh_needles_at(r, in, size, counts);
-    memset(&rehearsal, 0, sizeof rehearsal);
-    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
-    rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
-    rehearsal.node_end = counts[0];
-    result = ndli_rehearsal_begin(r, &rehearsal)
-                 ? ndli_rehearsal_play(r, &rehearsal, in + needles, error)
-                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
-    ndli_rehearsal_free(r, &rehearsal);
-    return result;
-}
-
-static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
-{
-    ndli_remesh_head own;
-    ndli_remesh_fill_head(r, &own);
-    if (head->order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
-    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
-        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
-        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
-    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the body's state first");
-    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
-                        head->release_cursor);
+    if (int_count < 3)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
+    if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+    ndli_remesh_hush(r);
+    result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
+    ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
+    if (result == SB_ERROR_FORMAT)
+        return result;
+    if ((int)result != ints[2])
+        return sbi_fail(error, SB_ERROR_STATE, "a call of the remesher returns '%s' where '%s' was recorded",
+                        sb_result_string(result), sb_result_string((sb_result)ints[2]));
     return SB_OK;
 }
 
-/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
-static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
-{
-    ndli_remesh_head head;
-    int memory[NDLI_TOPOLOGY_COUNTS];
-    size_t at;
-    sb_result result = SB_OK;
-    if (size < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
-    memcpy(&head, in, sizeof head);
-    if (!room)
-        result = ndli_remesh_check_head(r, &head, error);
-    at = ndli_remesh_needles_at(r, in, size, memory);
-    if (result == SB_OK && at == 0)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
-    if (result == SB_OK && !room)
-        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof head + sizeof memory, r->def.max_needles, error);
-    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
-        int counts[4];
-        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
-        at += used;
-        if (!used)
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
-        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
-    }
-    if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
-    return result;
-}
+/* ---- creation ---- */
 
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
+static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
 {
-    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_remesh_state_size(remesh);
-    ndli_image image;
-    if (!remesh || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
-    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
+    if (sbi_body_mesh(body).element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+    if (sbi_body_node_slots(body).room == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
 {
-    const unsigned char *in;
+    sb_body_listener listener;
     sb_result result;
+    memset(&listener, 0, sizeof listener);
+    listener.user = r;
+    listener.reserve = ndli_remesh_hear;
+    listener.follow = ndli_remesh_follow;
+    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
+    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
+    result = sb_body_listen(r->body, &listener, &r->listener, error);
+    return result == SB_OK ? ndli_remesh_join(r, ndli_remesh_replay_part, error) : result;
+}
+
+NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
+{
+    ndl_remesh *made;
+    sb_result result = ndli_remesh_check_def(def, error);
+    if (result == SB_OK && !remesh)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (result == SB_OK)
+        result = ndli_remesh_check_body(def->body, error);
+    if (result != SB_OK)
+        return result;
+    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
+    made->def = *def;
+    made->body = def->body;
+    made->mesh = &made->topology;
+    made->topology.allocator = def->allocator;
+    result = ndli_remesh_fill(made, error);
+    if (result != SB_OK) {
+        ndl_remesh_destroy(made);
+        return result;
+    }
+    *remesh = made;
+    return SB_OK;
+}
+
+NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
+{
+    sb_allocator allocator;
     if (!remesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
-    if (result != SB_OK)
-        return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    result = ndli_remesh_look(remesh, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 0, error);
-    if (result == SB_OK)
-        result = ndli_remesh_rehearse(remesh, in, size, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 1, error);
-    if (result == SB_OK)
-        ndli_remesh_rewind(remesh, in);
-    return result;
+        return;
+    allocator = remesh->def.allocator;
+    ndli_remesh_leave(remesh);
+    if (remesh->listener)
+        sb_body_unlisten(remesh->body, remesh->listener);
+    ndli_remesh_free_knowledge(remesh);
+    sbi_free(&allocator, remesh->scratch);
+    sbi_free(&allocator, remesh);
 }
 
-/* ==== src/needle/state.c ==== */
-/* state: saves what a rod is at, and brings it back to the last bit. */
-
-#include <limits.h>
-#include <string.h>
-
-
-static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
-
-static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
-
-typedef struct ndli_rod_head {
-    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
-    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
-    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
-    int none; /* fills the head up to whole doubles */
-} ndli_rod_head;
-
-static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
 {
-    memset(h, 0, sizeof *h);
-    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
-    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
-    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
-    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
-    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
-    h->base_director[2] = rod->base_director.z;
-    h->energy_before = rod->energy_before;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_newton = rod->max_newton;
-    h->node_count = rod->node_count;
-    h->plain = rod->plain;
-    h->base_director_set = rod->base_director_set;
-    h->energy_monitored = rod->energy_monitored;
-    h->grips = rod->grips;
-}
-
-static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
-{
-    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
-    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
-    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
-    rod->energy_before = h->energy_before;
-    rod->node_count = h->node_count;
-    rod->plain = h->plain;
-    rod->base_director_set = h->base_director_set;
-    rod->energy_monitored = h->energy_monitored;
-    rod->grips = h->grips;
-}
-
-/* Arrays of edges have a place per node, too: whole ones are copied. Returns where the bytes that are no numbers
- * begin. */
-static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
-{
-    ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
-                          rod->target, rod->target_velocity, rod->force, rod->reaction};
-    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque,
-                       rod->grip,  rod->grip_limit,  rod->anchor};
-    size_t n = (size_t)node_count, flags;
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
-    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
-        ndli_image_part(image, reals[i], n, sizeof(double));
-    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
-    flags = image->used;
-    ndli_image_part(image, rod->held, n, 1);
-    ndli_image_part(image, rod->has_velocity, n, 1);
-    ndli_image_part(image, rod->turn_held, n, 1);
-    return flags;
-}
-
-static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.used = sizeof(ndli_rod_head);
-    *flags = ndli_rod_walk(rod, node_count, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
-{
-    ndl_rod view = *rod;
-    size_t flags;
-    return ndli_rod_measure(&view, node_count, &flags);
-}
-
-NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
-{
-    ndl_rod view = *rod;
-    ndli_rod_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_rod_fill_head(rod, &head);
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_rod_walk(&view, head.node_count, &image);
-}
-
-NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
-{
-    ndli_rod_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_rod_take_head(rod, &head);
-    ndli_rod_walk(rod, head.node_count, &image);
-    ndli_rod_publish(rod);
-}
-
-static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
-{
-    const unsigned char *in;
-    ndli_rod_head own, head;
-    size_t told, flags;
-    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
-    if (result != SB_OK)
-        return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    if (told < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
-    memcpy(&head, in, sizeof head);
-    ndli_rod_fill_head(rod, &own);
-    if (head.order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
-    if (memcmp(&own, &head, 6 * sizeof(double)) != 0 || own.max_newton != head.max_newton)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
-    if (head.node_count > rod->capacity)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head.node_count,
-                        rod->capacity);
-    if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
-        ndli_rod_measure(rod, head.node_count, &flags) != told ||
-        !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
-        !ndli_state_is_flag(head.energy_monitored))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
-    for (size_t at = 0; at < flags; at += sizeof(double)) {
-        double value;
-        memcpy(&value, in + at, sizeof value);
-        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
-            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
-    }
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
     return SB_OK;
-}
-
-NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
-{
-    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_rod_state_size(rod);
-    if (!rod || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
-{
-    sb_result result;
-    if (!rod)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
-    result = ndli_rod_check_image(rod, buffer, size, error);
-    if (result == SB_OK)
-        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
-    return result;
 }
 
 /* ==== src/needle/steer_path.h ==== */
@@ -10715,9 +11046,10 @@ NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 }
 
 /* ==== src/needle/needle_private.h ==== */
-/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle.c makes and
- * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
- * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
+ * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
+ * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
+ * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -10785,8 +11117,17 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_site ---- */
+
 /* What the needles of a body share, or NULL: it has none. */
 NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
+/* Listens to the body, by which it is found. */
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
+NDLI_API void ndli_site_free(struct ndli_site *site);
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+NDLI_API int ndli_site_free_index(const struct ndli_site *site);
+/* Room for the nodes of all needles and so many more; 0: there is no memory. */
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
@@ -10820,6 +11161,32 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
+/* ---- needle_state ---- */
+
+/* What the ints of a command in a recording begin with. */
+typedef enum ndli_needle_command {
+    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
+    NDLI_COMMAND_NEEDLE_GONE = 4
+} ndli_needle_command;
+enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
+
+/* The part of the body's state that the site is, but for its replay. */
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+NDLI_API void ndli_site_leave(const struct ndli_site *site);
+/* For the recording of the body. */
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result);
+
+/* ---- needle_step ---- */
+
+/* Does a recorded command again; user: the site. */
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error);
+
 /* ---- needle_undo ---- */
 
 /* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
@@ -10834,6 +11201,533 @@ NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
 #endif
 
 #endif /* NDL_NEEDLE_PRIVATE_H */
+
+/* ==== src/needle/needle_site.c ==== */
+/* needle_site: what the needles of one body share. */
+
+
+#include <string.h>
+
+/* Takes each edge once: at the tet about it whose slot is the lowest. */
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
+{
+    static const int pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+    double sum = 0;
+    int count = 0;
+    for (int t = 0; t < mesh->tet_end; t++)
+        for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
+            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
+            if (ndli_topology_first_tet(mesh, i, j) != t)
+                continue;
+            sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));
+            count++;
+        }
+    return count ? sum / count : 0;
+}
+
+/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
+static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    (void)user;
+    (void)body;
+    (void)change;
+}
+
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
+{
+    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
+}
+
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error)
+{
+    sb_body_listener listener;
+    memset(&listener, 0, sizeof listener);
+    listener.user = site;
+    listener.follow = ndli_site_follow;
+    return sb_body_listen(site->body, &listener, &site->listener, error);
+}
+
+NDLI_API void ndli_site_free(struct ndli_site *site)
+{
+    sb_allocator allocator = site->allocator;
+    if (site->listener)
+        sb_body_unlisten(site->body, site->listener);
+    ndl_remesh_destroy(site->remesh);
+    sbi_free(&allocator, site->coupled);
+    sbi_free(&allocator, site->unknown);
+    sbi_free(&allocator, site->undo);
+    sbi_free(&allocator, site);
+}
+
+NDLI_API int ndli_site_free_index(const struct ndli_site *site)
+{
+    int index = 0;
+    while (site->needles[index])
+        index++;
+    return index;
+}
+
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
+{
+    size_t room = (size_t)more;
+    int *coupled;
+    double *unknown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->node_room)
+        return 1;
+    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
+    if (!coupled || !unknown) {
+        sbi_free(&site->allocator, coupled);
+        sbi_free(&site->allocator, unknown);
+        return 0;
+    }
+    sbi_free(&site->allocator, site->coupled); /* they hold nothing between steps */
+    sbi_free(&site->allocator, site->unknown);
+    site->coupled = coupled;
+    site->unknown = unknown;
+    site->node_room = room;
+    return 1;
+}
+
+/* ==== src/needle/needle_read.c ==== */
+/* needle_read: what a needle is at. */
+
+#include <string.h>
+
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
+
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
+{
+    ndl_tip_pose pose;
+    ndli_v3 t, ahead;
+    memset(&pose, 0, sizeof pose);
+    if (!needle)
+        return pose;
+    ahead = ndli_needle_heading(needle);
+    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    t = ndli_from(pose.frame.t);
+    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
+    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
+    pose.frame.t = ndli_to(ahead);
+    return pose;
+}
+
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
+{
+    if (!needle)
+        return;
+    if (force)
+        *force = ndli_to(needle->base_force);
+    if (torque)
+        *torque = ndli_to(needle->base_torque);
+}
+
+NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
+
+static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
+{
+    return node >= needle->line.first && node < needle->line.first + needle->line.count;
+}
+
+NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
+{
+    if (!needle)
+        return 0;
+    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+}
+
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
+
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
+{
+    ndl_contact none;
+    if (!needle) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
+}
+
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
+{
+    if (!needle)
+        return sb_v3(0, 0, 0);
+    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
+}
+
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
+{
+    double sum = 0;
+    if (!needle)
+        return 0;
+    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
+        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    return (sb_real)sum;
+}
+
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
+
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
+{
+    if (!needle)
+        return 0;
+    if (needle->line.count == 0)
+        return 0;
+    if (needle->shallow)
+        ndl_remesh_material_point(needle->site->remesh, needle->index,
+                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
+    else
+        *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
+    return 1;
+}
+
+/* ==== src/needle/needle_state.c ==== */
+/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is not
+ * kept; what the remesher knows is its own part, which is checked before this one. */
+
+#include <string.h>
+
+
+/* By its name it comes behind the remesher's, which it is checked against. */
+static const char ndli_needle_name[] = "needles";
+enum { NDLI_NEEDLE_VERSION = 1 };
+
+/* ---- the image ---- */
+
+typedef struct ndli_site_head {
+    double mean_edge;
+    int order, count;
+    unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
+} ndli_site_head;
+
+enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 4 };
+
+typedef struct ndli_needle_head {
+    uint64_t make; /* hash of what its def says beside the rod */
+    double reals[NDLI_HEAD_REALS];
+    ndli_v3 vectors[NDLI_HEAD_VECTORS];
+    int node_count, first, count, shallow, base_given, hold_steps;
+} ndli_needle_head;
+
+/* The fields that go from step to step, in the order of the head. */
+static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS], ndli_v3 *vectors[NDLI_HEAD_VECTORS])
+{
+    reals[0] = &needle->edge_length, reals[1] = &needle->fed, reals[2] = &needle->advance;
+    reals[3] = &needle->line.cutting;
+    vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
+    vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+}
+
+static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
+{
+    double wide = (double)value;
+    return ndli_image_hash(hash, &wide, sizeof wide);
+}
+
+/* Tables, bevel and membranes; of a cutting of the user's own only that there is one. */
+static uint64_t ndli_needle_make(const ndl_needle *needle)
+{
+    uint64_t hash = ndli_state_hash_real((uint64_t)needle->max_trials, needle->entry_slip);
+    hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
+    hash = ndli_state_hash_real(hash, needle->bevel.angle);
+    hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    for (int i = 0; i < needle->friction_count; i++) {
+        const ndl_friction *f = needle->frictions + i;
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
+        hash = ndli_state_hash_real(hash, f->cutting);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->twist_stiffness), f->twist_friction);
+    }
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *m = &needle->capsules[i].def;
+        hash = ndli_image_hash(hash, m->regions, sizeof m->regions);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, m->strength), m->thickness);
+    }
+    return hash;
+}
+
+/* stale: the body has got another mesh from others since: a needle is outside of it, as the next step will find. */
+static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_needle_head *h)
+{
+    ndl_needle view = *needle;
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    memset(h, 0, sizeof *h);
+    ndli_needle_fields(&view, reals, vectors);
+    h->make = ndli_needle_make(needle);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        h->reals[i] = *reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        h->vectors[i] = *vectors[i];
+    h->node_count = needle->rod->node_count;
+    h->first = stale ? h->node_count : needle->line.first;
+    h->count = stale ? 0 : needle->line.count;
+    h->shallow = stale ? 0 : needle->shallow;
+    h->base_given = needle->base_given;
+    h->hold_steps = needle->hold_steps;
+}
+
+static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
+{
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    ndli_needle_fields(needle, reals, vectors);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        *reals[i] = h->reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        *vectors[i] = h->vectors[i];
+    needle->line.first = h->first;
+    needle->line.count = h->count;
+    needle->shallow = h->shallow;
+    needle->base_given = h->base_given;
+    needle->hold_steps = h->hold_steps;
+    needle->blocked = needle->limited = 0;
+}
+
+/* What its nodes in the tissue have. */
+static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli_image *image)
+{
+    size_t nodes = (size_t)h->count;
+    ndli_image_part(image, needle->path, nodes, sizeof(int));
+    ndli_image_part(image, needle->line.state + h->first, nodes, 1);
+    ndli_image_part(image, needle->line.contact + h->first, nodes, sizeof(ndli_v3));
+}
+
+static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->mean_edge = site->mean_edge;
+    h->order = NDLI_IMAGE_ORDER;
+    h->count = site->count;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        h->used[i] = site->needles[i] != NULL;
+}
+
+static void ndli_site_save(const void *user, sbi_state_out *out)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    int stale = ndli_remesh_is_stale(site->remesh);
+    ndli_site_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_site_fill_head(site, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle view = *site->needles[i];
+            ndli_needle_head needle;
+            ndli_needle_fill_head(&view, stale, &needle);
+            ndli_image_part(&image, &needle, 1, sizeof needle);
+            ndli_needle_walk(&view, &needle, &image);
+            ndli_rod_put(view.rod, out);
+        }
+    out->overflow |= image.overflow;
+}
+
+/* ---- checks ---- */
+
+static int ndli_state_is_number(const double *values, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= values[i] - values[i] == 0;
+    return good;
+}
+
+static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_needle_head *h, sb_error *error)
+{
+    if (h->make != ndli_needle_make(needle))
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d was made from another def", needle->index);
+    if (!ndli_state_is_number(h->reals, NDLI_HEAD_REALS) ||
+        !ndli_state_is_number(&h->vectors[0].x, 3 * NDLI_HEAD_VECTORS))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "saved needle %d holds a number that is not finite", needle->index);
+    if (h->node_count > needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d has %d nodes, this one room for %d", needle->index,
+                        h->node_count, needle->rod->capacity);
+    if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
+        h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
+        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        !(h->reals[0] > 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
+    return SB_OK;
+}
+
+/* The rod is on nodes of the remesher's path, in their order. */
+static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char *path, int count)
+{
+    int there, at = 0;
+    const int *nodes = ndli_remesh_staged_nodes(needle->site->remesh, needle->index, &there);
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(path, (size_t)i);
+        while (at < there && nodes[at] != node)
+            at++;
+        if (at++ == there)
+            return 0;
+    }
+    return 1;
+}
+
+/* The needle at in[size]; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
+                                         sb_error *error)
+{
+    ndl_needle none = *needle;
+    ndli_needle_head h;
+    ndli_image image;
+    const unsigned char *path, *states, *contacts;
+    sb_result result;
+    size_t rod;
+    int good = 1, nodes;
+    if (size < sizeof h)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends in its head", needle->index);
+    memcpy(&h, in, sizeof h);
+    result = ndli_needle_check_head(needle, &h, error);
+    if (result != SB_OK)
+        return result;
+    memset(&image, 0, sizeof image);
+    image.used = ndli_image_room(sizeof h);
+    ndli_needle_walk(&none, &h, &image);
+    if (image.used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends before its nodes do", needle->index);
+    path = in + ndli_image_room(sizeof h);
+    states = path + ndli_image_room((size_t)h.count * sizeof(int));
+    contacts = states + ndli_image_room((size_t)h.count);
+    for (int i = 0; i < h.count; i++)
+        good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
+    for (int i = 0; i < 3 * h.count; i++) {
+        double value;
+        memcpy(&value, contacts + (size_t)i * sizeof value, sizeof value);
+        good &= value - value == 0;
+    }
+    if (!good || !ndli_needle_path_holds(needle, path, h.count))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
+    result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
+    if (result == SB_OK && nodes != h.node_count)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index, h.node_count,
+                          nodes);
+    *used = image.used + (result == SB_OK ? rod : 0);
+    return result;
+}
+
+static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_site_head *h, sb_error *error)
+{
+    if (h->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved needles are of a machine with another order of bytes");
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (h->used[i] != (site->needles[i] != NULL))
+            return sbi_fail(error, SB_ERROR_STATE, h->used[i] ? "the state has a needle %d, the body has not"
+                                                              : "the body has a needle %d, the state has not", i);
+    if (h->count != site->count || !(h->mean_edge > 0) || h->mean_edge - h->mean_edge != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles are damaged in their head");
+    return SB_OK;
+}
+
+static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    ndli_site_head head;
+    size_t at = ndli_image_room(sizeof head);
+    sb_result result;
+    (void)body;
+    if (size < at)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
+    memcpy(&head, bytes, sizeof head);
+    result = ndli_site_check_head(site, &head, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
+        if (site->needles[i]) {
+            size_t used = 0;
+            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            at += used;
+        }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    return result;
+}
+
+static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    ndli_site_head head;
+    ndli_image image;
+    (void)size;
+    memset(&image, 0, sizeof image);
+    image.in = bytes;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    site->mean_edge = head.mean_edge;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle *needle = site->needles[i];
+            ndli_needle_head h;
+            ndli_image_part(&image, &h, 1, sizeof h);
+            ndli_needle_take_head(needle, &h);
+            memset(needle->line.state, NDL_FREE, (size_t)h.node_count);
+            ndli_needle_walk(needle, &h, &image);
+            ndli_rod_rewind(needle->rod, bytes + image.used);
+            image.used += ndli_rod_snapshot_size(needle->rod, h.node_count);
+        }
+}
+
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, ndli_needle_name, sizeof ndli_needle_name);
+    part.version = NDLI_NEEDLE_VERSION;
+    part.user = site;
+    part.save = ndli_site_save;
+    part.check = ndli_site_check;
+    part.load = ndli_site_load;
+    return part;
+}
+
+NDLI_API void ndli_site_leave(const struct ndli_site *site) { sbi_body_leave(site->body, ndli_needle_name); }
+
+/* ---- recording ---- */
+
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = needle->index;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, NULL, 0);
+}
+
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    const sb_vec3 places[3] = {base, direction, director};
+    sb_real reals[9];
+    int ints[2];
+    ints[0] = NDLI_COMMAND_BASE, ints[1] = needle->index;
+    for (int k = 0; k < 3; k++)
+        reals[3 * k] = places[k].x, reals[3 * k + 1] = places[k].y, reals[3 * k + 2] = places[k].z;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, reals, 9);
+}
+
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result)
+{
+    int ints[2 + NDL_MAX_NEEDLES];
+    sb_real reals[1 + NDLI_COMMAND_REALS * NDL_MAX_NEEDLES];
+    ints[0] = NDLI_COMMAND_STEP, ints[1] = count;
+    reals[0] = dt;
+    for (int k = 0; k < count; k++) {
+        sb_real *to = reals + 1 + NDLI_COMMAND_REALS * k;
+        ndl_command c;
+        memset(&c, 0, sizeof c);
+        if (commands)
+            c = commands[k];
+        ints[2 + k] = needles[k]->index;
+        to[0] = c.insertion, to[1] = c.twist;
+        to[2] = c.velocity.x, to[3] = c.velocity.y, to[4] = c.velocity.z;
+        to[5] = c.angular_velocity.x, to[6] = c.angular_velocity.y, to[7] = c.angular_velocity.z;
+    }
+    sbi_body_tell_part_step(site->body, ndli_needle_name, result, ints, 2 + (size_t)count, reals,
+                            1 + NDLI_COMMAND_REALS * (size_t)count);
+}
 
 /* ==== src/needle/needle_sleeve.c ==== */
 /* needle_sleeve: where a needle's sleeve is after a step, and what it feeds and turns. */
@@ -10859,6 +11753,7 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
     needle->given_axis = axis;
     needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
     needle->base_given = 1;
+    ndli_needle_tell_base(needle, base, direction, director);
     return SB_OK;
 }
 
@@ -12081,13 +12976,44 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     return result;
 }
 
+/* A step that is sound in its arguments. */
+static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
+{
+    double begin = ndli_step_now(s->site);
+    sb_result result;
+    for (int k = 0; k < s->count; k++) {
+        s->lines[k] = &s->needles[k]->line;
+        s->needles[k]->blocked = s->needles[k]->limited = 0;
+    }
+    result = ndli_needle_look(s->site, s->error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_keep(s->site))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(s, dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(s);
+        if (torn > 0)
+            result = ndli_step_run(s, dt, substeps);
+        s->info->torn = result == SB_OK ? torn : 0;
+    }
+    for (int k = 0; k < s->count; k++) {
+        s->needles[k]->base_given = s->needles[k]->base_given && result != SB_OK;
+        ndli_rod_publish(s->needles[k]->rod);
+    }
+    ndli_step_count_states(s);
+    s->info->seconds_total = ndli_step_now(s->site) - begin;
+    return result;
+}
+
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
     ndl_step_info own;
     ndli_stepping s;
     sb_result result;
-    double begin;
     int substeps = 1;
     s.info = info ? info : &own;
     memset(s.info, 0, sizeof *s.info);
@@ -12099,159 +13025,58 @@ NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count,
     s.commands = commands;
     s.count = count;
     s.error = error;
-    begin = ndli_step_now(s.site);
-    for (int k = 0; k < count; k++) {
-        s.lines[k] = &needles[k]->line;
-        needles[k]->blocked = needles[k]->limited = 0;
-    }
-    result = ndli_needle_look(s.site, error);
-    if (result != SB_OK)
-        return result;
-    if (!ndli_needle_keep(s.site))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(&s, (double)dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(&s, (double)dt, finer * substeps);
-    if (result == SB_ERROR_DIVERGED) {
-        int torn = ndli_step_tear_out(&s);
-        if (torn > 0)
-            result = ndli_step_run(&s, (double)dt, substeps);
-        s.info->torn = result == SB_OK ? torn : 0;
-    }
-    for (int k = 0; k < count; k++) {
-        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
-        ndli_rod_publish(needles[k]->rod);
-    }
-    ndli_step_count_states(&s);
-    s.info->seconds_total = ndli_step_now(s.site) - begin;
+    sbi_body_mute(body);
+    result = ndli_step_make(&s, (double)dt, substeps);
+    sbi_body_unmute(body);
+    ndli_needle_tell_step(s.site, needles, count, dt, commands, result);
     return result;
+}
+
+/* ---- a step of a recording ---- */
+
+static sb_result ndli_replay_step(struct ndli_site *site, const int *ints, size_t int_count, const sb_real *reals,
+                                  size_t real_count, sb_error *error)
+{
+    ndl_needle *needles[NDL_MAX_NEEDLES];
+    ndl_command commands[NDL_MAX_NEEDLES];
+    int count = ints[1];
+    if (count < 0 || count > NDL_MAX_NEEDLES || int_count != 2 + (size_t)count ||
+        real_count != 1 + NDLI_COMMAND_REALS * (size_t)count)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of %d needles that is none", count);
+    for (int k = 0; k < count; k++) {
+        const sb_real *c = reals + 1 + NDLI_COMMAND_REALS * k;
+        if (ints[2 + k] < 0 || ints[2 + k] >= NDL_MAX_NEEDLES)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of needle %d", ints[2 + k]);
+        needles[k] = site->needles[ints[2 + k]];
+        commands[k].insertion = c[0], commands[k].twist = c[1];
+        commands[k].velocity = sb_v3(c[2], c[3], c[4]);
+        commands[k].angular_velocity = sb_v3(c[5], c[6], c[7]);
+    }
+    return ndl_step(site->body, needles, count, reals[0], commands, NULL, error);
+}
+
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    int code = int_count >= 2 ? ints[0] : 0;
+    if (code == NDLI_COMMAND_STEP)
+        return ndli_replay_step(site, ints, int_count, reals, real_count, error);
+    if (code == NDLI_COMMAND_BASE && real_count == 9 && ints[1] >= 0 && ints[1] < NDL_MAX_NEEDLES &&
+        site->needles[ints[1]])
+        return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
+                                    sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
+    if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
+                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
 }
 
 /* ==== src/needle/needle.c ==== */
-/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+/* needle: making and releasing needles. */
 
 
 #include <string.h>
-
-/* ---- the site ---- */
-
-/* Each edge once: at the tet about it whose slot is the lowest. */
-static double ndli_site_mean_edge(const ndli_topology *mesh)
-{
-    static const int pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
-    double sum = 0;
-    int count = 0;
-    for (int t = 0; t < mesh->tet_end; t++)
-        for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
-            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
-            if (ndli_topology_first_tet(mesh, i, j) != t)
-                continue;
-            sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));
-            count++;
-        }
-    return count ? sum / count : 0;
-}
-
-/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
-static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
-{
-    (void)user;
-    (void)body;
-    (void)change;
-}
-
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
-{
-    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
-}
-
-static void ndli_site_free(struct ndli_site *site)
-{
-    sb_allocator allocator = site->allocator;
-    if (site->listener)
-        sb_body_unlisten(site->body, site->listener);
-    ndl_remesh_destroy(site->remesh);
-    sbi_free(&allocator, site->coupled);
-    sbi_free(&allocator, site->unknown);
-    sbi_free(&allocator, site->undo);
-    sbi_free(&allocator, site);
-}
-
-/* What a new site is made of. */
-static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
-{
-    ndl_remesh_def def = ndl_default_remesh_def();
-    sb_body_listener listener;
-    sb_result result;
-    memset(&listener, 0, sizeof listener);
-    listener.user = site;
-    listener.follow = ndli_site_follow;
-    def.allocator = site->allocator;
-    def.body = site->body;
-    def.max_needles = NDL_MAX_NEEDLES;
-    result = ndl_remesh_create(&def, &site->remesh, error);
-    if (result != SB_OK)
-        return result;
-    site->mesh = ndli_remesh_topology(site->remesh);
-    site->mean_edge = ndli_site_mean_edge(site->mesh);
-    return sb_body_listen(site->body, &listener, &site->listener, error);
-}
-
-/* The site of a body, made if there is none yet. */
-static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
-{
-    const sb_allocator *allocator = sbi_body_allocator(body);
-    struct ndli_site *made = ndli_needle_site(body);
-    sb_result result;
-    if (made) {
-        *site = made;
-        return ndli_remesh_look(made->remesh, error);
-    }
-    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
-    made->body = body;
-    made->allocator = *allocator;
-    result = ndli_site_fill(made, error);
-    if (result != SB_OK)
-        ndli_site_free(made);
-    else
-        *site = made;
-    return result;
-}
-
-static int ndli_site_free_index(const struct ndli_site *site)
-{
-    int index = 0;
-    while (site->needles[index])
-        index++;
-    return index;
-}
-
-/* Room for the nodes of all needles and one more. */
-static int ndli_site_reserve(struct ndli_site *site, int more)
-{
-    size_t room = (size_t)more;
-    int *coupled;
-    double *unknown;
-    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
-        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
-    if (room <= site->node_room)
-        return 1;
-    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
-    unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
-    if (!coupled || !unknown) {
-        sbi_free(&site->allocator, coupled);
-        sbi_free(&site->allocator, unknown);
-        return 0;
-    }
-    sbi_free(&site->allocator, site->coupled); /* they hold nothing between steps */
-    sbi_free(&site->allocator, site->unknown);
-    site->coupled = coupled;
-    site->unknown = unknown;
-    site->node_room = room;
-    return 1;
-}
 
 /* ---- definition ---- */
 
@@ -12344,6 +13169,56 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- the site ---- */
+
+/* The remesher's part of the state comes first: its name does, too. */
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result;
+    part.replay = ndli_needle_replay;
+    def.allocator = site->allocator;
+    def.body = site->body;
+    def.max_needles = NDL_MAX_NEEDLES;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK)
+        return result;
+    site->mesh = ndli_remesh_topology(site->remesh);
+    site->mean_edge = ndli_site_mean_edge(site->mesh);
+    result = ndli_site_listen(site, error);
+    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+}
+
+static void ndli_site_end(struct ndli_site *site)
+{
+    ndli_site_leave(site);
+    ndli_site_free(site);
+}
+
+/* The site of a body, made if there is none yet. */
+static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+{
+    const sb_allocator *allocator = sbi_body_allocator(body);
+    struct ndli_site *made = ndli_needle_site(body);
+    sb_result result;
+    if (made) {
+        *site = made;
+        return ndli_remesh_look(made->remesh, error);
+    }
+    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
+    made->body = body;
+    made->allocator = *allocator;
+    result = ndli_site_fill(made, error);
+    if (result != SB_OK)
+        ndli_site_end(made);
+    else
+        *site = made;
+    return result;
 }
 
 /* ---- creation ---- */
@@ -12525,13 +13400,14 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
+        ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);
         *needle = made;
         return SB_OK;
     }
     if (made)
         ndli_needle_release(made);
     if (site->count == 0)
-        ndli_site_free(site);
+        ndli_site_end(site);
     return result;
 }
 
@@ -12541,102 +13417,14 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     if (!needle)
         return;
     site = needle->site;
+    ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
+    sbi_body_mute(site->body);
     ndli_remesh_let_go(site->remesh, needle->index);
+    sbi_body_unmute(site->body);
     site->needles[needle->index] = NULL;
     if (--site->count == 0)
-        ndli_site_free(site);
+        ndli_site_end(site);
     ndli_needle_release(needle);
-}
-
-/* ---- readings ---- */
-
-NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
-
-NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
-{
-    ndl_tip_pose pose;
-    ndli_v3 t, ahead;
-    memset(&pose, 0, sizeof pose);
-    if (!needle)
-        return pose;
-    ahead = ndli_needle_heading(needle);
-    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
-    t = ndli_from(pose.frame.t);
-    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
-    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
-    pose.frame.t = ndli_to(ahead);
-    return pose;
-}
-
-NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
-{
-    if (!needle)
-        return;
-    if (force)
-        *force = ndli_to(needle->base_force);
-    if (torque)
-        *torque = ndli_to(needle->base_torque);
-}
-
-NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
-
-static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
-{
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
-}
-
-NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
-}
-
-NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
-
-NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
-{
-    ndl_contact none;
-    if (!needle) {
-        memset(&none, 0, sizeof none);
-        return none;
-    }
-    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
-}
-
-NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return sb_v3(0, 0, 0);
-    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
-}
-
-NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
-{
-    double sum = 0;
-    if (!needle)
-        return 0;
-    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
-        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    return (sb_real)sum;
-}
-
-NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
-NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
-NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
-
-NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
-{
-    if (!needle)
-        return 0;
-    if (needle->line.count == 0)
-        return 0;
-    if (needle->shallow)
-        ndl_remesh_material_point(needle->site->remesh, needle->index,
-                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
-    else
-        *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
-    return 1;
 }
 
 #endif /* NDL_IMPLEMENTATION */

@@ -805,7 +805,6 @@ static ndl_push *world_push(world *w)
     return &w->push;
 }
 
-WORLD_IMAGE_OF(remesh, ndl_remesh_state_size(world_remesh(w)), ndl_remesh_save(w->remesh, w->image, w->image_bytes, NULL))
 WORLD_IMAGE_OF(rod, ndl_rod_state_size(world_rod(w)), ndl_rod_save(w->rod, w->image, w->image_bytes, NULL))
 
 /* ---- register ---- */

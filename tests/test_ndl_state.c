@@ -1,4 +1,4 @@
-/* ndl_state: saved states of bodies with a remesher, of remeshers and rods: what follows a load is what followed the save, bit for bit. */
+/* ndl_state: saved states of bodies with a remesher and of rods: what follows a load is what followed the save, bit for bit. */
 #include "scene.h"
 
 #include "needle.h"
@@ -110,41 +110,32 @@ static void rest(patient *p, int steps)
 /* ---- saved states ---- */
 
 typedef struct record {
-    void *body, *remesh;
-    size_t body_size, remesh_size;
+    unsigned char *bytes;
+    size_t size;
 } record;
 
 static record record_of(const patient *p)
 {
     record r;
-    r.body_size = sb_body_state_size(p->body);
-    r.remesh_size = ndl_remesh_state_size(p->remesh);
-    r.body = malloc(r.body_size);
-    r.remesh = malloc(r.remesh_size);
-    CHECK_OK(sb_body_state_save(p->body, r.body, r.body_size));
-    CHECK_OK(ndl_remesh_save(p->remesh, r.remesh, r.remesh_size, NULL));
+    r.size = sb_body_state_size(p->body);
+    r.bytes = (unsigned char *)malloc(r.size);
+    CHECK_OK(sb_body_state_save(p->body, r.bytes, r.size));
     return r;
 }
 
 static void record_load(patient *p, const record *r)
 {
-    CHECK_OK(sb_body_state_load(p->body, r->body, r->body_size, NULL));
-    CHECK_OK(ndl_remesh_load(p->remesh, r->remesh, r->remesh_size, NULL));
+    CHECK_OK(sb_body_state_load(p->body, r->bytes, r->size, NULL));
     CHECK_OK(ndl_remesh_check(p->remesh, NULL));
     CHECK_OK(sb_body_live_check(p->body, NULL));
 }
 
-static void record_free(record *r)
-{
-    free(r->body);
-    free(r->remesh);
-}
+static void record_free(record *r) { free(r->bytes); }
 
 /* The bytes of a save are a function of the state: this compares everything that it holds. */
 static int record_same(const record *a, const record *b)
 {
-    return a->body_size == b->body_size && a->remesh_size == b->remesh_size &&
-           memcmp(a->body, b->body, a->body_size) == 0 && memcmp(a->remesh, b->remesh, a->remesh_size) == 0;
+    return a->size == b->size && memcmp(a->bytes, b->bytes, a->size) == 0;
 }
 
 static int patient_is_at(const patient *p, const record *expected)
@@ -267,51 +258,6 @@ static void test_growth(void)
 
 /* ---- refusals ---- */
 
-static sb_result load_remesh_copy(ndl_remesh *remesh, const record *r, size_t at, unsigned char flip, size_t size)
-{
-    unsigned char *copy = (unsigned char *)malloc(r->remesh_size + 1);
-    sb_error error;
-    sb_result result;
-    memcpy(copy + 1, r->remesh, r->remesh_size);
-    copy[1 + at] = (unsigned char)(copy[1 + at] ^ flip);
-    result = ndl_remesh_load(remesh, copy + 1, size, &error);
-    CHECK(result == SB_OK || error.message[0]);
-    free(copy);
-    return result;
-}
-
-static void test_refusals(void)
-{
-    patient_options o = patient_default();
-    patient p;
-    record saved, now;
-    if (!patient_create(&p, &o))
-        return;
-    rest(&p, 2);
-    puncture(&p, 0, 0.024, 0.021);
-    drive(&p, 6, 0, 0.014);
-    saved = record_of(&p);
-    drive(&p, 3, 0.014, 0.02);
-    now = record_of(&p);
-    CHECK_RESULT(ndl_remesh_save(NULL, saved.remesh, saved.remesh_size, NULL), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(ndl_remesh_save(p.remesh, saved.remesh, 3, NULL), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(ndl_remesh_load(NULL, saved.remesh, saved.remesh_size, NULL), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(ndl_remesh_load(p.remesh, NULL, 100, NULL), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(ndl_remesh_load(p.remesh, saved.body, saved.body_size, NULL), SB_ERROR_FORMAT);
-    CHECK_RESULT(ndl_remesh_load(p.remesh, saved.remesh, saved.remesh_size, NULL), SB_ERROR_STATE); /* other mesh */
-    CHECK_INT(ndl_remesh_state_size(NULL), 0);
-    for (size_t at = 0; at < now.remesh_size; at += 7) {
-        CHECK(load_remesh_copy(p.remesh, &now, at, 16, now.remesh_size) != SB_OK);
-        CHECK_RESULT(load_remesh_copy(p.remesh, &now, 0, 0, at), SB_ERROR_FORMAT);
-    }
-    CHECK(patient_is_at(&p, &now));
-    CHECK_OK(sb_body_state_load(p.body, saved.body, saved.body_size, NULL));
-    CHECK_OK(load_remesh_copy(p.remesh, &saved, 0, 0, saved.remesh_size + 1));
-    CHECK(patient_is_at(&p, &saved));
-    record_free(&saved), record_free(&now);
-    patient_destroy(&p);
-}
-
 /* The checksum of a changed image made right again, as state.h of softbody.h describes it: what a load then still
  * checks are the values. */
 static void seal_again(unsigned char *image, size_t size)
@@ -330,7 +276,17 @@ static void seal_again(unsigned char *image, size_t size)
         image[size - 8 + (size_t)k] = (unsigned char)(hash >> (8 * k) & 0xFF);
 }
 
-/* Sealed images with wrong values: refused, or, where the value may be so, taken; never anything worse. */
+/* Where the remesher's part of a saved body begins: its name is in front of it. */
+static size_t part_at(const record *r)
+{
+    size_t at = r->size;
+    while (at > 0 && memcmp(r->bytes + at, "mesher\0", 8) != 0)
+        at--;
+    return at;
+}
+
+/* Sealed images with wrong values: refused, with a word and with nothing changed, or, where the value may be so, taken;
+ * never anything worse. */
 static void test_forgeries(void)
 {
     patient_options o = patient_default();
@@ -338,27 +294,36 @@ static void test_forgeries(void)
     record saved;
     unsigned char *copy;
     unsigned long long seed = 11;
-    int refused = 0, tries = check_quick() ? 200 : 400;
+    size_t part;
+    int refused = 0, tries = check_quick() ? 200 : 2000;
     if (!patient_create(&p, &o))
         return;
     rest(&p, 2);
     puncture(&p, 0, 0.024, 0.021);
     drive(&p, 4, 0, 0.012);
     saved = record_of(&p);
-    copy = (unsigned char *)malloc(saved.remesh_size);
-    memcpy(copy, saved.remesh, saved.remesh_size);
-    seal_again(copy, saved.remesh_size);
-    CHECK(memcmp(copy, saved.remesh, saved.remesh_size) == 0);
+    part = part_at(&saved);
+    CHECK(part > 0);
+    copy = (unsigned char *)malloc(saved.size);
+    memcpy(copy, saved.bytes, saved.size);
+    seal_again(copy, saved.size);
+    CHECK(memcmp(copy, saved.bytes, saved.size) == 0);
     for (int i = 0; i < tries; i++) {
-        size_t first = i % 2 ? 24 : 24 + 64, span = i % 2 ? 96 : saved.remesh_size - 100;
-        size_t at = first + (size_t)check_random_in(&seed, 0, (double)span);
-        memcpy(copy, saved.remesh, saved.remesh_size);
+        size_t span = i % 2 ? 120 : saved.size - 8 - part;
+        size_t at = part + (size_t)check_random_in(&seed, 0, (double)span);
+        sb_error error;
+        memcpy(copy, saved.bytes, saved.size);
         copy[at] = (unsigned char)(copy[at] ^ (1 << (i / 2) % 8));
-        seal_again(copy, saved.remesh_size);
-        if (ndl_remesh_load(p.remesh, copy, saved.remesh_size, NULL) != SB_OK)
+        seal_again(copy, saved.size);
+        error.message[0] = 0;
+        if (sb_body_state_load(p.body, copy, saved.size, &error) != SB_OK) {
             refused++;
-        else
-            CHECK_OK(ndl_remesh_load(p.remesh, saved.remesh, saved.remesh_size, NULL));
+            CHECK(error.message[0] && patient_is_at(&p, &saved));
+        } else {
+            CHECK_OK(ndl_remesh_check(p.remesh, NULL));
+            drive(&p, 1, 0.012, 0.0125);
+            CHECK_OK(sb_body_state_load(p.body, saved.bytes, saved.size, NULL));
+        }
     }
     CHECK(refused > tries / 4); /* half of them are in the head, of which most values may not be others */
     CHECK(patient_is_at(&p, &saved));
@@ -367,44 +332,57 @@ static void test_forgeries(void)
     patient_destroy(&p);
 }
 
-/* Another's: other mesh, materials' densities, other needles or rules. */
+/* Another's: other materials, other needles or rules, a body without remesher, a second remesher. */
 static void test_foreign(void)
 {
-    patient_options o = patient_default(), one = o, needles = o, rule = o;
+    patient_options o = patient_default(), other[3];
+    ndl_remesh_def second = ndl_default_remesh_def();
+    ndl_remesh *remesh = NULL;
+    sb_error error;
     patient p, q;
     record saved;
-    one.materials = 1;
-    needles.max_needles = 3;
-    rule.release_above = REAL(0.5);
+    for (int i = 0; i < 3; i++)
+        other[i] = o;
+    other[0].materials = 1;
+    other[1].max_needles = 3;
+    other[2].release_above = REAL(0.5);
     if (!patient_create(&p, &o))
         return;
+    puncture(&p, 0, 0.024, 0.021);
+    drive(&p, 4, 0, 0.012);
     saved = record_of(&p);
-    if (patient_create(&q, &one)) {
-        record now = record_of(&q);
-        CHECK(sb_body_state_load(q.body, saved.body, saved.body_size, NULL) != SB_OK);
-        CHECK(patient_is_at(&q, &now));
-        record_free(&now);
-        patient_destroy(&q);
-    }
-    if (patient_create(&q, &needles)) {
-        CHECK_OK(sb_body_state_load(q.body, saved.body, saved.body_size, NULL));
-        CHECK_RESULT(ndl_remesh_load(q.remesh, saved.remesh, saved.remesh_size, NULL), SB_ERROR_STATE);
-        patient_destroy(&q);
-    }
-    if (patient_create(&q, &rule)) {
-        CHECK_RESULT(ndl_remesh_load(q.remesh, saved.remesh, saved.remesh_size, NULL), SB_ERROR_STATE);
+    for (int i = 0; i < 3; i++)
+        if (patient_create(&q, other + i)) {
+            record now;
+            puncture(&q, 0, 0.021, 0.024);
+            now = record_of(&q);
+            CHECK_RESULT(sb_body_state_load(q.body, saved.bytes, saved.size, &error), i ? SB_ERROR_STATE : SB_ERROR_FORMAT);
+            CHECK(error.message[0] && patient_is_at(&q, &now));
+            CHECK_OK(ndl_remesh_check(q.remesh, NULL));
+            record_free(&now);
+            patient_destroy(&q);
+        }
+    second.body = p.body;
+    CHECK_RESULT(ndl_remesh_create(&second, &remesh, &error), SB_ERROR_ARGUMENT);
+    CHECK(remesh == NULL && strstr(error.message, "remesher"));
+    if (patient_create(&q, &o)) {
+        ndl_remesh_destroy(q.remesh);
+        q.remesh = NULL;
+        CHECK_RESULT(sb_body_state_load(q.body, saved.bytes, saved.size, &error), SB_ERROR_STATE);
+        CHECK(strstr(error.message, "mesher"));
         patient_destroy(&q);
     }
     record_free(&saved);
     patient_destroy(&p);
 }
 
-/* Every allocation of a load into a patient without room fails in turn; in the end it succeeds. */
+/* Every allocation of a load into a patient without room fails in turn, and nothing changes; in the end it succeeds. */
 static void test_memory(void)
 {
     patient_options o = patient_default();
     patient p;
     record saved;
+    int done = 0, fail;
     o.slack = REAL(0.001);
     if (!patient_create(&p, &o))
         return;
@@ -412,31 +390,75 @@ static void test_memory(void)
     puncture(&p, 0, 0.021, 0.019); /* where it takes a split: the load needs more room than there is */
     drive(&p, 12, 0, 0.03);
     saved = record_of(&p);
-    for (int fail = 1, done = 0; !done && fail < 20; fail++) {
+    for (fail = 1; !done && fail < 400; fail++) {
         patient q;
+        record now;
         sb_result result;
-        int count = 0;
         if (!patient_create(&q, &o))
             break;
-        rest(&q, 3);
-        CHECK_OK(sb_body_state_load(q.body, saved.body, saved.body_size, NULL));
+        puncture(&q, 0, 0.024, 0.021);
+        now = record_of(&q);
         q.memory.fail_at = q.memory.calls + fail;
-        result = ndl_remesh_load(q.remesh, saved.remesh, saved.remesh_size, NULL);
+        result = sb_body_state_load(q.body, saved.bytes, saved.size, NULL);
         q.memory.fail_at = 0;
         done = result == SB_OK;
         if (!done) {
             CHECK_RESULT(result, SB_ERROR_MEMORY);
-            CHECK(ndl_remesh_nodes(q.remesh, 0, &count) == NULL);
-            CHECK_OK(ndl_remesh_load(q.remesh, saved.remesh, saved.remesh_size, NULL));
-        } else {
-            CHECK(fail > 3);
+            CHECK(patient_is_at(&q, &now));
+            CHECK_OK(ndl_remesh_check(q.remesh, NULL));
+            record_load(&q, &saved);
         }
         CHECK(patient_is_at(&q, &saved));
-        CHECK(done || fail < 19);
+        record_free(&now);
         patient_destroy(&q);
     }
+    CHECK(done && fail > 8);
     record_free(&saved);
     patient_destroy(&p);
+}
+
+/* ---- recordings ---- */
+
+/* Calls of a remesher replay on a body with one, failed ones too; on one without they are refused by name. */
+static void test_recording(void)
+{
+    patient_options o = patient_default();
+    patient p, q;
+    sb_recording *recording = NULL;
+    sb_recording_report report;
+    sb_vec3 entry;
+    record end;
+    if (!patient_create(&p, &o) || !patient_create(&q, &o))
+        return;
+    rest(&p, 2);
+    puncture(&p, 0, 0.031, 0.026);
+    entry = p.entry;
+    drive(&p, 3, 0, 0.008);
+    CHECK_OK(sb_recording_start(p.body, 1, NULL, &recording, NULL)); /* in mid-insertion */
+    drive(&p, 6, 0.008, 0.02);
+    puncture(&p, 1, 0.012, 0.012);
+    CHECK_RESULT(ndl_remesh_retract(p.remesh, 7, entry, NULL, NULL), SB_ERROR_INDEX);
+    p.entry = entry;
+    drive(&p, 4, 0.02, 0.012);
+    CHECK_OK(ndl_remesh_withdraw(p.remesh, 0, NULL, NULL));
+    rest(&p, 3);
+    sb_recording_stop(recording);
+    end = record_of(&p);
+    rest(&p, 2);
+    if (!CHECK_OK(sb_recording_replay(recording, q.body, &report)))
+        printf("step %d, nodes %d to %d: %s\n", report.step, report.first_node, report.last_node, report.error.message);
+    CHECK(patient_is_at(&q, &end));
+    CHECK_OK(ndl_remesh_check(q.remesh, NULL));
+    CHECK_OK(sb_recording_replay(recording, p.body, &report)); /* from another state, with a needle in it */
+    CHECK(patient_is_at(&p, &end));
+    ndl_remesh_destroy(q.remesh);
+    q.remesh = NULL;
+    CHECK_RESULT(sb_recording_replay(recording, q.body, &report), SB_ERROR_STATE);
+    CHECK(strstr(report.error.message, "mesher"));
+    record_free(&end);
+    sb_recording_destroy(recording);
+    patient_destroy(&p);
+    patient_destroy(&q);
 }
 
 /* ---- rods ---- */
@@ -547,9 +569,9 @@ static void test_rod_refusals(void)
 CHECK_SUITE(ndl_state, {"continuation after loads with remeshing in between", test_continuation},
             {"in and out of tissue, two needles", test_withdrawn},
             {"growth, and another body", test_growth},
-            {"refusals", test_refusals},
             {"sealed images with wrong values", test_forgeries},
             {"another's state", test_foreign},
             {"every allocation failing", test_memory},
+            {"recordings of a remesher's calls", test_recording},
             {"rod continues", test_rod},
             {"rod refusals", test_rod_refusals});

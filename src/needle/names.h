@@ -101,9 +101,6 @@
 #define ndl_needle_advance ndl_needle_advance_f32
 #define ndl_needle_cutting ndl_needle_cutting_f32
 #define ndl_needle_tip_material ndl_needle_tip_material_f32
-#define ndl_remesh_state_size ndl_remesh_state_size_f32
-#define ndl_remesh_save ndl_remesh_save_f32
-#define ndl_remesh_load ndl_remesh_load_f32
 #define ndl_rod_state_size ndl_rod_state_size_f32
 #define ndl_rod_save ndl_rod_save_f32
 #define ndl_rod_load ndl_rod_load_f32

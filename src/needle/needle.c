@@ -1,129 +1,9 @@
-/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+/* needle: making and releasing needles. */
 #include "needle_private.h"
 
 #include "../softbody/body/body_guest.h"
 
 #include <string.h>
-
-/* ---- the site ---- */
-
-/* Each edge once: at the tet about it whose slot is the lowest. */
-static double ndli_site_mean_edge(const ndli_topology *mesh)
-{
-    static const int pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
-    double sum = 0;
-    int count = 0;
-    for (int t = 0; t < mesh->tet_end; t++)
-        for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
-            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
-            if (ndli_topology_first_tet(mesh, i, j) != t)
-                continue;
-            sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));
-            count++;
-        }
-    return count ? sum / count : 0;
-}
-
-/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
-static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
-{
-    (void)user;
-    (void)body;
-    (void)change;
-}
-
-NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
-{
-    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
-}
-
-static void ndli_site_free(struct ndli_site *site)
-{
-    sb_allocator allocator = site->allocator;
-    if (site->listener)
-        sb_body_unlisten(site->body, site->listener);
-    ndl_remesh_destroy(site->remesh);
-    sbi_free(&allocator, site->coupled);
-    sbi_free(&allocator, site->unknown);
-    sbi_free(&allocator, site->undo);
-    sbi_free(&allocator, site);
-}
-
-/* What a new site is made of. */
-static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
-{
-    ndl_remesh_def def = ndl_default_remesh_def();
-    sb_body_listener listener;
-    sb_result result;
-    memset(&listener, 0, sizeof listener);
-    listener.user = site;
-    listener.follow = ndli_site_follow;
-    def.allocator = site->allocator;
-    def.body = site->body;
-    def.max_needles = NDL_MAX_NEEDLES;
-    result = ndl_remesh_create(&def, &site->remesh, error);
-    if (result != SB_OK)
-        return result;
-    site->mesh = ndli_remesh_topology(site->remesh);
-    site->mean_edge = ndli_site_mean_edge(site->mesh);
-    return sb_body_listen(site->body, &listener, &site->listener, error);
-}
-
-/* The site of a body, made if there is none yet. */
-static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
-{
-    const sb_allocator *allocator = sbi_body_allocator(body);
-    struct ndli_site *made = ndli_needle_site(body);
-    sb_result result;
-    if (made) {
-        *site = made;
-        return ndli_remesh_look(made->remesh, error);
-    }
-    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
-    made->body = body;
-    made->allocator = *allocator;
-    result = ndli_site_fill(made, error);
-    if (result != SB_OK)
-        ndli_site_free(made);
-    else
-        *site = made;
-    return result;
-}
-
-static int ndli_site_free_index(const struct ndli_site *site)
-{
-    int index = 0;
-    while (site->needles[index])
-        index++;
-    return index;
-}
-
-/* Room for the nodes of all needles and one more. */
-static int ndli_site_reserve(struct ndli_site *site, int more)
-{
-    size_t room = (size_t)more;
-    int *coupled;
-    double *unknown;
-    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
-        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
-    if (room <= site->node_room)
-        return 1;
-    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
-    unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
-    if (!coupled || !unknown) {
-        sbi_free(&site->allocator, coupled);
-        sbi_free(&site->allocator, unknown);
-        return 0;
-    }
-    sbi_free(&site->allocator, site->coupled); /* they hold nothing between steps */
-    sbi_free(&site->allocator, site->unknown);
-    site->coupled = coupled;
-    site->unknown = unknown;
-    site->node_room = room;
-    return 1;
-}
 
 /* ---- definition ---- */
 
@@ -216,6 +96,56 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- the site ---- */
+
+/* The remesher's part of the state comes first: its name does, too. */
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result;
+    part.replay = ndli_needle_replay;
+    def.allocator = site->allocator;
+    def.body = site->body;
+    def.max_needles = NDL_MAX_NEEDLES;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK)
+        return result;
+    site->mesh = ndli_remesh_topology(site->remesh);
+    site->mean_edge = ndli_site_mean_edge(site->mesh);
+    result = ndli_site_listen(site, error);
+    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+}
+
+static void ndli_site_end(struct ndli_site *site)
+{
+    ndli_site_leave(site);
+    ndli_site_free(site);
+}
+
+/* The site of a body, made if there is none yet. */
+static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+{
+    const sb_allocator *allocator = sbi_body_allocator(body);
+    struct ndli_site *made = ndli_needle_site(body);
+    sb_result result;
+    if (made) {
+        *site = made;
+        return ndli_remesh_look(made->remesh, error);
+    }
+    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
+    made->body = body;
+    made->allocator = *allocator;
+    result = ndli_site_fill(made, error);
+    if (result != SB_OK)
+        ndli_site_end(made);
+    else
+        *site = made;
+    return result;
 }
 
 /* ---- creation ---- */
@@ -397,13 +327,14 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
+        ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);
         *needle = made;
         return SB_OK;
     }
     if (made)
         ndli_needle_release(made);
     if (site->count == 0)
-        ndli_site_free(site);
+        ndli_site_end(site);
     return result;
 }
 
@@ -413,100 +344,12 @@ NDL_API void ndl_needle_destroy(ndl_needle *needle)
     if (!needle)
         return;
     site = needle->site;
+    ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
+    sbi_body_mute(site->body);
     ndli_remesh_let_go(site->remesh, needle->index);
+    sbi_body_unmute(site->body);
     site->needles[needle->index] = NULL;
     if (--site->count == 0)
-        ndli_site_free(site);
+        ndli_site_end(site);
     ndli_needle_release(needle);
-}
-
-/* ---- readings ---- */
-
-NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
-
-NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
-{
-    ndl_tip_pose pose;
-    ndli_v3 t, ahead;
-    memset(&pose, 0, sizeof pose);
-    if (!needle)
-        return pose;
-    ahead = ndli_needle_heading(needle);
-    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
-    t = ndli_from(pose.frame.t);
-    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
-    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
-    pose.frame.t = ndli_to(ahead);
-    return pose;
-}
-
-NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
-{
-    if (!needle)
-        return;
-    if (force)
-        *force = ndli_to(needle->base_force);
-    if (torque)
-        *torque = ndli_to(needle->base_torque);
-}
-
-NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
-
-static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
-{
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
-}
-
-NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
-}
-
-NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
-
-NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
-{
-    ndl_contact none;
-    if (!needle) {
-        memset(&none, 0, sizeof none);
-        return none;
-    }
-    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
-}
-
-NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return sb_v3(0, 0, 0);
-    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
-}
-
-NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
-{
-    double sum = 0;
-    if (!needle)
-        return 0;
-    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
-        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    return (sb_real)sum;
-}
-
-NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
-NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
-NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
-
-NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
-{
-    if (!needle)
-        return 0;
-    if (needle->line.count == 0)
-        return 0;
-    if (needle->shallow)
-        ndl_remesh_material_point(needle->site->remesh, needle->index,
-                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
-    else
-        *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
-    return 1;
 }

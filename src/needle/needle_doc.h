@@ -119,7 +119,7 @@
  *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
  *              moves it, ndl_rod_solve_static finds its equilibrium.
  * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
- * state        sb_body_state_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ * state        sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
  *
  * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
  * beyond its slack asks for more.

@@ -1,12 +1,14 @@
-/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle.c makes and
- * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
- * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
+ * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
+ * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
+ * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
 #include "couple_line.h"
 #include "needle.h"
-#include "state.h"
+#include "rod_state.h"
+#include "../softbody/body/state_part.h"
 
 typedef struct ndli_capsule {
     ndl_membrane def;
@@ -71,8 +73,17 @@ struct ndli_site {
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_site ---- */
+
 /* What the needles of a body share, or NULL: it has none. */
 NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
+/* Listens to the body, by which it is found. */
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
+NDLI_API void ndli_site_free(struct ndli_site *site);
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+NDLI_API int ndli_site_free_index(const struct ndli_site *site);
+/* Room for the nodes of all needles and so many more; 0: there is no memory. */
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
 
 /* ---- needle_sleeve ---- */
 
@@ -105,6 +116,32 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * Friction states go with them. Returns -1, the node at which the rod is folded, or the rod's capacity when that is too
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
+
+/* ---- needle_state ---- */
+
+/* What the ints of a command in a recording begin with. */
+typedef enum ndli_needle_command {
+    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
+    NDLI_COMMAND_NEEDLE_GONE = 4
+} ndli_needle_command;
+enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
+
+/* The part of the body's state that the site is, but for its replay. */
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+NDLI_API void ndli_site_leave(const struct ndli_site *site);
+/* For the recording of the body. */
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result);
+
+/* ---- needle_step ---- */
+
+/* Does a recorded command again; user: the site. */
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error);
 
 /* ---- needle_undo ---- */
 

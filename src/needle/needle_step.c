@@ -321,13 +321,44 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     return result;
 }
 
+/* A step that is sound in its arguments. */
+static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
+{
+    double begin = ndli_step_now(s->site);
+    sb_result result;
+    for (int k = 0; k < s->count; k++) {
+        s->lines[k] = &s->needles[k]->line;
+        s->needles[k]->blocked = s->needles[k]->limited = 0;
+    }
+    result = ndli_needle_look(s->site, s->error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_keep(s->site))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(s, dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(s);
+        if (torn > 0)
+            result = ndli_step_run(s, dt, substeps);
+        s->info->torn = result == SB_OK ? torn : 0;
+    }
+    for (int k = 0; k < s->count; k++) {
+        s->needles[k]->base_given = s->needles[k]->base_given && result != SB_OK;
+        ndli_rod_publish(s->needles[k]->rod);
+    }
+    ndli_step_count_states(s);
+    s->info->seconds_total = ndli_step_now(s->site) - begin;
+    return result;
+}
+
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
     ndl_step_info own;
     ndli_stepping s;
     sb_result result;
-    double begin;
     int substeps = 1;
     s.info = info ? info : &own;
     memset(s.info, 0, sizeof *s.info);
@@ -339,30 +370,49 @@ NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count,
     s.commands = commands;
     s.count = count;
     s.error = error;
-    begin = ndli_step_now(s.site);
-    for (int k = 0; k < count; k++) {
-        s.lines[k] = &needles[k]->line;
-        needles[k]->blocked = needles[k]->limited = 0;
-    }
-    result = ndli_needle_look(s.site, error);
-    if (result != SB_OK)
-        return result;
-    if (!ndli_needle_keep(s.site))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(&s, (double)dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(&s, (double)dt, finer * substeps);
-    if (result == SB_ERROR_DIVERGED) {
-        int torn = ndli_step_tear_out(&s);
-        if (torn > 0)
-            result = ndli_step_run(&s, (double)dt, substeps);
-        s.info->torn = result == SB_OK ? torn : 0;
-    }
-    for (int k = 0; k < count; k++) {
-        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
-        ndli_rod_publish(needles[k]->rod);
-    }
-    ndli_step_count_states(&s);
-    s.info->seconds_total = ndli_step_now(s.site) - begin;
+    sbi_body_mute(body);
+    result = ndli_step_make(&s, (double)dt, substeps);
+    sbi_body_unmute(body);
+    ndli_needle_tell_step(s.site, needles, count, dt, commands, result);
     return result;
+}
+
+/* ---- a step of a recording ---- */
+
+static sb_result ndli_replay_step(struct ndli_site *site, const int *ints, size_t int_count, const sb_real *reals,
+                                  size_t real_count, sb_error *error)
+{
+    ndl_needle *needles[NDL_MAX_NEEDLES];
+    ndl_command commands[NDL_MAX_NEEDLES];
+    int count = ints[1];
+    if (count < 0 || count > NDL_MAX_NEEDLES || int_count != 2 + (size_t)count ||
+        real_count != 1 + NDLI_COMMAND_REALS * (size_t)count)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of %d needles that is none", count);
+    for (int k = 0; k < count; k++) {
+        const sb_real *c = reals + 1 + NDLI_COMMAND_REALS * k;
+        if (ints[2 + k] < 0 || ints[2 + k] >= NDL_MAX_NEEDLES)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of needle %d", ints[2 + k]);
+        needles[k] = site->needles[ints[2 + k]];
+        commands[k].insertion = c[0], commands[k].twist = c[1];
+        commands[k].velocity = sb_v3(c[2], c[3], c[4]);
+        commands[k].angular_velocity = sb_v3(c[5], c[6], c[7]);
+    }
+    return ndl_step(site->body, needles, count, reals[0], commands, NULL, error);
+}
+
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    int code = int_count >= 2 ? ints[0] : 0;
+    if (code == NDLI_COMMAND_STEP)
+        return ndli_replay_step(site, ints, int_count, reals, real_count, error);
+    if (code == NDLI_COMMAND_BASE && real_count == 9 && ints[1] >= 0 && ints[1] < NDL_MAX_NEEDLES &&
+        site->needles[ints[1]])
+        return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
+                                    sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
+    if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
+                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
 }

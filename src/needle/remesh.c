@@ -5,11 +5,9 @@
  * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
  * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
  * union of what any candidate changes, without that union. */
-#include "remesh.h"
+#include "remesh_private.h"
 
 #include "../softbody/body/body_guest.h"
-#include "image.h"
-#include "state.h"
 
 #include <limits.h>
 #include <string.h>
@@ -23,108 +21,9 @@ enum {
     NDLI_MAX_SUBSTEPS = 1000,
     NDLI_STUCK = 16,
     NDLI_RELEASES = 4,
-    NDLI_FINALISTS = 6,
     NDLI_RATED = 16
 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
-
-/* ---- what is kept ---- */
-
-/* A split that can be undone; its tets are pool[first ...], `size` per tet that was cut. */
-typedef struct ndli_split {
-    int node, size, simplex[4];
-    int first, count;
-} ndli_split;
-
-typedef struct ndli_needle {
-    int *nodes, count, node_capacity; /* entry first */
-    ndli_split *stack;
-    int depth, stack_capacity;
-    int undone; /* splits that the change under way has taken back */
-    int *pool, pool_count, pool_capacity;
-} ndli_needle;
-
-typedef struct ndli_patch_tet {
-    int nodes[4];
-    int slot; /* -1: stood before the top split, and would again without it */
-    int skin; /* bit c: the face opposite node c lies on the surface */
-    sb_real quality;
-} ndli_patch_tet;
-
-typedef struct ndli_patch {
-    ndli_patch_tet *tets;
-    int count;
-} ndli_patch;
-
-typedef struct ndli_qualities {
-    sb_real *values, least;
-    int count;
-} ndli_qualities;
-
-typedef struct ndli_candidate {
-    int simplex[4], size; /* size 1: snap */
-    int undo, drops_tip;  /* the top split is undone first; the old tip stays in the tissue, but not on the needle */
-    int slid, slid_moves; /* node that may slide along, or -1 */
-    sb_vec3 X, slid_X;
-    ndli_qualities created, removed;
-} ndli_candidate;
-
-/* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
- * that all candidates of an operation share; the node to be made comes after it. */
-typedef struct ndli_draft {
-    int *tets, tet_count;   /* [4]; those of the core first */
-    int core_count;
-    sb_real *qualities;
-    sb_vec3 *X;             /* [table_count + 1] */
-    int *star_start, *star; /* tets of a node: star[star_start[i] .. star_start[i + 1]) */
-    unsigned char *is_free;
-    int *moved, moved_count; /* nodes not where the candidate had them */
-} ndli_draft;
-
-typedef struct ndli_node_move {
-    int node;
-    sb_vec3 X;
-} ndli_node_move;
-
-/* A split that is undone: its node, and the corners that it was between. */
-typedef struct ndli_leaving {
-    int node, size, simplex[4];
-} ndli_leaving;
-
-struct ndl_remesh {
-    ndl_remesh_def def;
-    ndli_topology topology, *mesh; /* mesh: that topology */
-    sb_body *body;
-    int listener;          /* its number at the body */
-    int own;               /* 1: the change that the body makes is ours */
-    int stale;             /* 1: the body has got another mesh, which is not read yet */
-    ndli_leaving *leaving; /* nodes that the change under way takes out */
-    int leaving_count, leaving_capacity;
-    ndli_needle *needles;
-    int release_cursor;
-    ndl_remesh_info info;
-
-    int needle, conflict; /* of the call under way; element of another needle that stood in the way, or -1 */
-    int capacity;         /* of the patch */
-    ndli_patch here, undone;
-    int core_count;       /* of here: the tets that candidates may change; after them those that smoothing may */
-    int *table, table_count; /* nodes of the patch */
-    unsigned char *table_whole; /* 1: all its tets are in the patch */
-    ndli_draft draft;
-    int *moving, moving_count; /* [4] nodes of a candidate's tets about its sliding node */
-    ndli_candidate final[NDLI_FINALISTS], trial; /* best first */
-    int final_count;
-    sb_real *rating, *best_rating; /* qualities of a draft, worst first */
-    ndli_node_move *moves;         /* what the winner's draft smoothed */
-    int move_count;
-    sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
-    sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
-    ndli_qualities taken; /* what undoing the top split removes */
-    sb_real *sorted[2];
-    int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
-    void *scratch;
-};
 
 /* ---- memory ---- */
 
@@ -183,40 +82,6 @@ static int ndli_remesh_scratch(ndl_remesh *r, int needed)
     sbi_free(&r->def.allocator, r->scratch);
     *r = grown;
     return 1;
-}
-
-static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
-{
-    size_t room = (size_t)needed + (size_t)needed / 2;
-    void *grown;
-    if (needed <= *capacity)
-        return 1;
-    grown = sbi_alloc(&r->def.allocator, room, size);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, (size_t)used * size);
-    sbi_free(&r->def.allocator, *array);
-    *array = grown;
-    *capacity = (int)room;
-    return 1;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool, *leaving = r->leaving;
-    int splits = 0, good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    for (int i = 0; i < r->def.max_needles; i++)
-        splits += r->needles[i].stack_capacity;
-    good = good && ndli_remesh_grow(r, &leaving, &r->leaving_capacity, 0, splits, sizeof(ndli_leaving));
-    r->leaving = (ndli_leaving *)leaving;
-    return good;
 }
 
 /* All that one operation may need, before anything changes. */
@@ -312,106 +177,7 @@ NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own) { remesh->own = o
 NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh) { return remesh->stale; }
 NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh) { return remesh->mesh; }
 
-/* ---- creation ---- */
-
-static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
-{
-    if (sbi_body_mesh(body).element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
-    if (sbi_body_node_slots(body).room == 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
-    return SB_OK;
-}
-
-static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
-{
-    sb_body_listener listener;
-    memset(&listener, 0, sizeof listener);
-    listener.user = r;
-    listener.reserve = ndli_remesh_hear;
-    listener.follow = ndli_remesh_follow;
-    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
-    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
-    return sb_body_listen(r->body, &listener, &r->listener, error);
-}
-
-NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
-{
-    ndl_remesh *made;
-    sb_result result = ndli_remesh_check_def(def, error);
-    if (result == SB_OK && !remesh)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    if (result == SB_OK)
-        result = ndli_remesh_check_body(def->body, error);
-    if (result != SB_OK)
-        return result;
-    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
-    made->def = *def;
-    made->body = def->body;
-    made->mesh = &made->topology;
-    made->topology.allocator = def->allocator;
-    result = ndli_remesh_fill(made, error);
-    if (result != SB_OK) {
-        ndl_remesh_destroy(made);
-        return result;
-    }
-    *remesh = made;
-    return SB_OK;
-}
-
-NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
-{
-    sb_allocator allocator;
-    if (!remesh)
-        return;
-    allocator = remesh->def.allocator;
-    for (int i = 0; remesh->needles && i < remesh->def.max_needles; i++) {
-        sbi_free(&allocator, remesh->needles[i].nodes);
-        sbi_free(&allocator, remesh->needles[i].stack);
-        sbi_free(&allocator, remesh->needles[i].pool);
-    }
-    if (remesh->listener)
-        sb_body_unlisten(remesh->body, remesh->listener);
-    ndli_topology_free(&remesh->topology);
-    sbi_free(&allocator, remesh->needles);
-    sbi_free(&allocator, remesh->leaving);
-    sbi_free(&allocator, remesh->scratch);
-    sbi_free(&allocator, remesh);
-}
-
-NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
-{
-    ndli_needle *n;
-    int counts[3];
-    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
-    if (needle < 0 || needle >= remesh->def.max_needles)
-        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
-    n = remesh->needles + needle;
-    counts[0] = counts[1] = nodes;
-    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
-    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
-    return SB_OK;
-}
-
 /* ---- the patch ---- */
-
-static int ndli_remesh_has(const int nodes[4], int node)
-{
-    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
-}
-
-static int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
-{
-    for (int i = 0; i < size; i++)
-        if (!ndli_remesh_has(nodes, simplex[i]))
-            return 0;
-    return 1;
-}
 
 /* Nodes of the needle counted from its tip; -1 when there are not so many. */
 static int ndli_remesh_from_tip(const ndli_needle *needle, int i)
@@ -1859,16 +1625,23 @@ NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3
 NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                        sb_error *error)
 {
-    return ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 1, result);
+    return result;
 }
 
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error)
 {
     ndl_remesh_info done;
-    sb_result result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
     if (result == SB_OK && done.outside)
         result = ndl_remesh_withdraw(remesh, needle, NULL, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 0, result);
     if (result == SB_OK && done.outside)
         done.worst_quality = 1;
     if (info && remesh)
@@ -2038,7 +1811,12 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    sb_real slip = remesh ? remesh->def.entry_slip : 0;
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_puncture_within(remesh, needle, hit, slip, info, error);
+    ndli_remesh_tell_puncture(remesh, needle, hit, slip, result);
+    return result;
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
@@ -2099,7 +1877,7 @@ static void ndli_remesh_mark(ndl_remesh *r, int needle, int in)
     }
 }
 
-NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+static sb_result ndli_remesh_do_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, -1, info, error);
     int others = 0, count;
@@ -2123,6 +1901,15 @@ NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh
     if (info)
         *info = remesh->info;
     return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+{
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_do_withdraw(remesh, needle, info, error);
+    ndli_remesh_tell_withdraw(remesh, needle, result);
+    return result;
 }
 
 NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle)
@@ -2245,467 +2032,125 @@ NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error)
     return result == SB_OK ? ndli_remesh_check_cells(remesh, error) : result;
 }
 
-/* ---- state ---- */
+/* ---- recording ---- */
 
-static const char ndli_remesh_magic[9] = "NDLREME\x1a";
-
-typedef struct ndli_remesh_head {
-    double smooth_below, release_above, entry_slip;
-    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
-    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
-} ndli_remesh_head;
-
-/* Free slots at the end do not count: they may have been merged. */
-static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
+static sb_result ndli_remesh_repeat(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
 {
-    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash;
-    while (nodes > 0 && !mesh->node_flags[nodes - 1])
-        nodes--;
-    while (tets > 0 && mesh->tets[4 * (tets - 1)] < 0)
-        tets--;
-    hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
-    return ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
-}
-
-static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
-{
-    memset(h, 0, sizeof *h);
-    h->smooth_below = (double)r->def.smooth_below;
-    h->release_above = (double)r->def.release_above;
-    h->entry_slip = (double)r->def.entry_slip;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_needles = r->def.max_needles;
-    h->interfaces = (int)r->def.interfaces;
-    h->max_smoothed = r->def.max_smoothed;
-    h->release_cursor = r->release_cursor;
-}
-
-/* A split's simplex in four places, those that it does not use 0. */
-static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
-{
-    ndli_split whole;
-    memset(&whole, 0, sizeof whole);
-    if (image->out) {
-        whole = *split;
-        for (int i = whole.size; i < 4; i++)
-            whole.simplex[i] = 0;
+    int needle = ints[1];
+    if (ints[0] == NDLI_COMMAND_PUNCTURE && int_count == 5 && real_count == 5) {
+        ndl_surface_hit hit;
+        hit.tet = ints[3], hit.face = ints[4], hit.along = reals[0], hit.X = sb_v3(reals[1], reals[2], reals[3]);
+        return ndli_remesh_puncture_within(r, needle, &hit, reals[4], NULL, error);
     }
-    ndli_image_part(image, &whole, 1, sizeof whole);
-    if (image->in)
-        *split = whole;
+    if (ints[0] == NDLI_COMMAND_PENETRATE && real_count == 3)
+        return ndl_remesh_penetrate(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_RETRACT && real_count == 3)
+        return ndl_remesh_retract(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_WITHDRAW)
+        return ndl_remesh_withdraw(r, needle, NULL, error);
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that there is not");
 }
 
-/* counts: [3] nodes, splits, pool */
-static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
 {
-    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
-        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
-    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
-}
-
-/* Measures or writes. */
-static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
-{
-    ndli_remesh_head head;
-    ndli_topology topology = *r->mesh;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    ndli_remesh_fill_head(r, &head);
-    head.mesh = mesh;
-    ndli_image_part(image, &head, 1, sizeof head);
-    ndli_topology_counts(&topology, counts);
-    ndli_image_part(image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
-    ndli_topology_walk(&topology, counts, image);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int sizes[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
-        ndli_image_part(image, sizes, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, sizes, image);
-    }
-}
-
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    ndli_remesh_write(r, 0, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
-{
-    ndli_topology topology = *r->mesh;
-    ndli_image image;
-    int counts[NDLI_TOPOLOGY_COUNTS] = {0, 0, 0, 0};
-    size_t sum;
-    memset(&image, 0, sizeof image);
-    counts[0] = counts[1] = topology.node_capacity;
-    ndli_topology_walk(&topology, counts, &image);
-    sum = ndli_image_room(sizeof(ndli_remesh_head)) + ndli_image_room(sizeof counts) + image.used;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const ndli_needle *needle = r->needles + i;
-        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
-               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
-               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
-    }
-    return sum;
-}
-
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_remesh_write(r, 0, &image);
-}
-
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
-{
-    ndli_remesh_head head;
-    ndli_image image;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    memset(&head, 0, sizeof head);
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    r->release_cursor = head.release_cursor;
-    ndli_image_part(&image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
-    ndli_topology_walk(r->mesh, counts, &image);
-    ndli_topology_recall(r->mesh, counts, r->body);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int sizes[4];
-        ndli_image_part(&image, sizes, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, sizes, &image);
-        r->needles[i].count = sizes[0];
-        r->needles[i].depth = sizes[1];
-        r->needles[i].pool_count = sizes[2];
-    }
-    r->stale = 0;
-}
-
-/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
-{
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
-        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
-        return 0;
-    for (int i = 0; i < s->size; i++) {
-        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
-            return 0;
-        for (int j = 0; j < i; j++)
-            if (s->simplex[i] == s->simplex[j])
-                return 0;
-    }
-    return 1;
-}
-
-static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
-{
-    for (int i = 0; i < count; i++) {
-        int slot = ndli_image_int(slots, (size_t)i);
-        if (slot < 0 || slot >= end)
-            return 0;
-    }
-    return 1;
-}
-
-/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
- * out */
-static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
-{
-    ndli_needle none;
-    ndli_image image;
-    size_t stack, pool;
-    memset(&none, 0, sizeof none);
-    memset(&image, 0, sizeof image);
-    image.used = 4 * sizeof(int);
-    if (left < image.used)
-        return 0;
-    memcpy(counts, in, 4 * sizeof(int));
-    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
-        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
-        return 0;
-    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
-    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-    ndli_remesh_walk_needle(&none, counts, &image);
-    if (image.overflow || image.used > left ||
-        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
-        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
-        return 0;
-    for (int i = 0; i < counts[1]; i++) {
-        ndli_split split;
-        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
-        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
-            return 0;
-    }
-    return image.used;
-}
-
-/* ---- the rehearsal of an image ----
- * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
- * of an image are undone on a copy of the tissue's topology first. */
-typedef struct ndli_rehearsal {
-    const ndli_topology *mesh;
-    const unsigned char *owners, *flags; /* [node_end] of the image */
-    int node_end;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
-    unsigned char *threaded; /* [node_end] 1: on a needle */
-} ndli_rehearsal;
-
-static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
-{
-    for (int c = 0; c < 4; c++)
-        h->stars[nodes[c]] += step;
-}
-
-/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
-static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
-{
-    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
-    for (int j = 0; j < s->size; j++) {
-        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
-            return 0;
-        h->takers[parts[j]] = needle;
-    }
-    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
-        return 0;
-    for (int c = 0; c < 4; c++)
-        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
-    if (!ndli_remesh_holds(whole, s->simplex, s->size))
-        return 0;
-    for (int j = 1; j < s->size; j++) {
-        int *part = h->tets + 4 * (size_t)parts[j];
-        for (int c = 0; c < 4; c++)
-            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
-                return 0;
-        ndli_rehearsal_count(h, part, -1);
-        part[0] = -1;
-    }
-    ndli_rehearsal_count(h, first, -1);
-    ndli_rehearsal_count(h, whole, 1);
-    memcpy(first, whole, sizeof whole);
-    return 1;
-}
-
-/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
-static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
-                               int pool_count, int needle)
-{
-    int end = pool_count;
-    for (int i = depth - 1; i >= 0; i--) {
-        ndli_split s;
-        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || s.node >= h->node_end || !(h->flags[s.node] & NDLI_NODE_CREATED) ||
-            h->stars[s.simplex[0]] < 1)
-            return 0;
-        end = s.first;
-        for (int g = 0; g < s.count; g++) {
-            int parts[4];
-            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
-            if (!ndli_rehearsal_join(h, &s, parts, needle))
-                return 0;
-        }
-        if (h->stars[s.node] != 0)
-            return 0;
-        h->stars[s.node] = -1;
-    }
-    return end == 0;
-}
-
-/* Nodes of a needle, entry first: its own, each once, joined by edges. */
-static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
-{
-    const ndli_topology *mesh = h->mesh;
-    for (int i = 0; i < count; i++) {
-        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (node >= h->node_end || !(h->flags[node] & NDLI_NODE_NEEDLE) ||
-            ndli_image_int(h->owners, (size_t)node) != needle || h->threaded[node])
-            return 0;
-        h->threaded[node] = 1;
-        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
-            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
-        if (!joined)
-            return 0;
-    }
-    return 1;
-}
-
-static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    sbi_free(&r->def.allocator, h->tets);
-    sbi_free(&r->def.allocator, h->stars);
-    sbi_free(&r->def.allocator, h->takers);
-    sbi_free(&r->def.allocator, h->threaded);
-}
-
-/* 0: no memory. */
-static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
-    h->mesh = r->mesh;
-    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
-    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
-    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
-    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
-    if (!h->tets || !h->stars || !h->takers || !h->threaded)
-        return 0;
-    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
-    for (size_t t = 0; t < tets; t++) {
-        h->takers[t] = -1;
-        if (h->tets[4 * t] >= 0)
-            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
-    }
-    return 1;
-}
-
-/* Every needle of an image whose indices are in their ranges. */
-static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
-{
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
-        int counts[4];
-        memcpy(counts, in, sizeof counts);
-        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
-        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
-            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the tissue", i);
-        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
-    }
-    for (int i = 0; i < h->node_end; i++)
-        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
-    return SB_OK;
-}
-
-/* Where the needles of an image begin; 0: its counts are none. counts: out. */
-static size_t ndli_remesh_needles_at(const ndl_remesh *r, const unsigned char *in, size_t size, int *counts)
-{
-    ndli_topology topology = *r->mesh;
-    ndli_image image;
-    size_t at = sizeof(ndli_remesh_head);
-    if (size < at + NDLI_TOPOLOGY_COUNTS * sizeof(int))
-        return 0;
-    memcpy(counts, in + at, NDLI_TOPOLOGY_COUNTS * sizeof(int));
-    if (counts[0] < 0 || counts[0] > topology.node_end || counts[1] < 0 || counts[1] > counts[0] || counts[2] < 0 ||
-        counts[3] < 0 || counts[2] > topology.node_capacity || counts[3] > topology.tet_capacity)
-        return 0;
-    memset(&image, 0, sizeof image);
-    image.used = at + NDLI_TOPOLOGY_COUNTS * sizeof(int);
-    ndli_topology_walk(&topology, counts, &image);
-    return image.overflow || image.used > size ? 0 : image.used;
-}
-
-static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, size_t size, sb_error *error)
-{
-    ndli_rehearsal rehearsal;
+    ndl_remesh *r = (ndl_remesh *)user;
     sb_result result;
-    int counts[NDLI_TOPOLOGY_COUNTS];
-    size_t needles = ndli_remesh_needles_at(r, in, size, counts);
-    memset(&rehearsal, 0, sizeof rehearsal);
-    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
-    rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
-    rehearsal.node_end = counts[0];
-    result = ndli_rehearsal_begin(r, &rehearsal)
-                 ? ndli_rehearsal_play(r, &rehearsal, in + needles, error)
-                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
-    ndli_rehearsal_free(r, &rehearsal);
-    return result;
-}
-
-static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
-{
-    ndli_remesh_head own;
-    ndli_remesh_fill_head(r, &own);
-    if (head->order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
-    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
-        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
-        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
-    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the body's state first");
-    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
-                        head->release_cursor);
+    if (int_count < 3)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
+    if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+    ndli_remesh_hush(r);
+    result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
+    ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
+    if (result == SB_ERROR_FORMAT)
+        return result;
+    if ((int)result != ints[2])
+        return sbi_fail(error, SB_ERROR_STATE, "a call of the remesher returns '%s' where '%s' was recorded",
+                        sb_result_string(result), sb_result_string((sb_result)ints[2]));
     return SB_OK;
 }
 
-/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
-static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
-{
-    ndli_remesh_head head;
-    int memory[NDLI_TOPOLOGY_COUNTS];
-    size_t at;
-    sb_result result = SB_OK;
-    if (size < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
-    memcpy(&head, in, sizeof head);
-    if (!room)
-        result = ndli_remesh_check_head(r, &head, error);
-    at = ndli_remesh_needles_at(r, in, size, memory);
-    if (result == SB_OK && at == 0)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
-    if (result == SB_OK && !room)
-        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof head + sizeof memory, r->def.max_needles, error);
-    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
-        int counts[4];
-        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
-        at += used;
-        if (!used)
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
-        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
-    }
-    if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
-    return result;
-}
+/* ---- creation ---- */
 
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
+static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
 {
-    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_remesh_state_size(remesh);
-    ndli_image image;
-    if (!remesh || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
-    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
+    if (sbi_body_mesh(body).element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+    if (sbi_body_node_slots(body).room == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
 {
-    const unsigned char *in;
+    sb_body_listener listener;
     sb_result result;
-    if (!remesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
+    memset(&listener, 0, sizeof listener);
+    listener.user = r;
+    listener.reserve = ndli_remesh_hear;
+    listener.follow = ndli_remesh_follow;
+    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
+    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
+    result = sb_body_listen(r->body, &listener, &r->listener, error);
+    return result == SB_OK ? ndli_remesh_join(r, ndli_remesh_replay_part, error) : result;
+}
+
+NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
+{
+    ndl_remesh *made;
+    sb_result result = ndli_remesh_check_def(def, error);
+    if (result == SB_OK && !remesh)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (result == SB_OK)
+        result = ndli_remesh_check_body(def->body, error);
     if (result != SB_OK)
         return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    result = ndli_remesh_look(remesh, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 0, error);
-    if (result == SB_OK)
-        result = ndli_remesh_rehearse(remesh, in, size, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 1, error);
-    if (result == SB_OK)
-        ndli_remesh_rewind(remesh, in);
-    return result;
+    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
+    made->def = *def;
+    made->body = def->body;
+    made->mesh = &made->topology;
+    made->topology.allocator = def->allocator;
+    result = ndli_remesh_fill(made, error);
+    if (result != SB_OK) {
+        ndl_remesh_destroy(made);
+        return result;
+    }
+    *remesh = made;
+    return SB_OK;
+}
+
+NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
+{
+    sb_allocator allocator;
+    if (!remesh)
+        return;
+    allocator = remesh->def.allocator;
+    ndli_remesh_leave(remesh);
+    if (remesh->listener)
+        sb_body_unlisten(remesh->body, remesh->listener);
+    ndli_remesh_free_knowledge(remesh);
+    sbi_free(&allocator, remesh->scratch);
+    sbi_free(&allocator, remesh);
+}
+
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
+{
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
+    return SB_OK;
 }

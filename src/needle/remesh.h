@@ -59,8 +59,13 @@ typedef struct ndl_remesh_info {
     sb_vec3 X;               /* where the tip is in the material (m) */
 } ndl_remesh_info;
 
-/* SB_ERROR_ARGUMENT (field named), _UNSUPPORTED (elements other than SB_TET4; def.slack was 0), _MEMORY leave *remesh untouched.
- * One remesher for a body at a time. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE). */
+/* SB_ERROR_ARGUMENT (field named; the body has a remesher already), _UNSUPPORTED (elements other than SB_TET4; def.slack was
+ * 0), _MEMORY leave *remesh untouched. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE).
+ *
+ * From now on the remesher is part of the body's saved state, its hash and its recording: sb_body_state_load asks for a body
+ * with a remesher of the same def, and brings needles, splits and what is needed to undo them back to the last bit. A
+ * recording of the body holds the calls below; it is played on a body with such a remesher. Make remeshers before a
+ * recording is started, and destroy them after it has been stopped: what follows otherwise is refused when it is played. */
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
 /* Leaves the body as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
@@ -142,6 +147,15 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
  * also when tets about it would be worse than `enough` and than they are. */
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info);
+
+/* ---- remesh_state.c ----
+ * Undo: into memory of at least the snapshot's size, and back into the remesher it is from, once the body is back. */
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *remesh);
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *remesh); /* most, while the needles keep to what was reserved */
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *remesh, void *buffer);
+NDLI_API void ndli_remesh_rewind(ndl_remesh *remesh, const void *buffer);
+/* Between the check of a saved state and its load or refusal: the nodes that the needle has in it, as of ndl_remesh_nodes. */
+NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count);
 #endif
 
 #endif /* NDL_REMESH_H */

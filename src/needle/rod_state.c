@@ -1,7 +1,6 @@
-/* state: saves what a rod is at, and brings it back to the last bit. */
-#include "state.h"
+/* rod_state: saves what a rod is at, and brings it back to the last bit. */
+#include "rod_state.h"
 
-#include <limits.h>
 #include <string.h>
 
 #include "image.h"
@@ -50,24 +49,27 @@ static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
     rod->grips = h->grips;
 }
 
-/* Arrays of edges have a place per node, too: whole ones are copied. Returns where the bytes that are no numbers
- * begin. */
+/* Returns where the bytes that are no numbers begin. */
 static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
 {
-    ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
-                          rod->target, rod->target_velocity, rod->force, rod->reaction};
-    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque,
-                       rod->grip,  rod->grip_limit,  rod->anchor};
+    ndli_v3 *node_vectors[] = {rod->x, rod->v, rod->a, rod->target, rod->target_velocity, rod->force, rod->reaction};
+    ndli_v3 *edge_vectors[] = {rod->director, rod->tangent};
+    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,       rod->torque,
+                            rod->grip,  rod->grip_limit,  rod->anchor, rod->reaction_torque};
     size_t n = (size_t)node_count, flags;
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
-    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
-        ndli_image_part(image, reals[i], n, sizeof(double));
+    for (size_t i = 0; i < sizeof node_vectors / sizeof *node_vectors; i++)
+        ndli_image_part(image, node_vectors[i], n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_vectors / sizeof *edge_vectors; i++)
+        ndli_image_part(image, edge_vectors[i], n - 1, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_reals / sizeof *edge_reals; i++)
+        ndli_image_part(image, edge_reals[i], n - 1, sizeof(double));
+    ndli_image_part(image, rod->mass, n, sizeof(double));
+    ndli_image_part(image, rod->cell, n, sizeof(double));
     ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
     flags = image->used;
     ndli_image_part(image, rod->held, n, 1);
     ndli_image_part(image, rod->has_velocity, n, 1);
-    ndli_image_part(image, rod->turn_held, n, 1);
+    ndli_image_part(image, rod->turn_held, n - 1, 1);
     return flags;
 }
 
@@ -111,32 +113,40 @@ NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
     ndli_rod_publish(rod);
 }
 
-static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+static sb_result ndli_rod_check_head(const ndl_rod *rod, const ndli_rod_head *head, sb_error *error)
 {
-    const unsigned char *in;
-    ndli_rod_head own, head;
-    size_t told, flags;
-    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
-    if (result != SB_OK)
-        return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    if (told < sizeof head)
+    ndli_rod_head own;
+    ndli_rod_fill_head(rod, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
+    if (memcmp(&own, head, 6 * sizeof(double)) != 0 || own.max_newton != head->max_newton)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
+    if (head->node_count > rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head->node_count,
+                        rod->capacity);
+    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count || !ndli_state_is_flag(head->plain) ||
+        !ndli_state_is_flag(head->base_director_set) || !ndli_state_is_flag(head->energy_monitored))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_rod_check(const ndl_rod *rod, const unsigned char *in, size_t size, size_t *used, int *nodes,
+                                  sb_error *error)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    size_t flags;
+    sb_result result;
+    if (size < sizeof head)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
     memcpy(&head, in, sizeof head);
-    ndli_rod_fill_head(rod, &own);
-    if (head.order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
-    if (memcmp(&own, &head, 6 * sizeof(double)) != 0 || own.max_newton != head.max_newton)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
-    if (head.node_count > rod->capacity)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head.node_count,
-                        rod->capacity);
-    if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
-        ndli_rod_measure(rod, head.node_count, &flags) != told ||
-        !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
-        !ndli_state_is_flag(head.energy_monitored))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    result = ndli_rod_check_head(rod, &head, error);
+    if (result != SB_OK)
+        return result;
+    *used = ndli_rod_measure(&view, head.node_count, &flags);
+    *nodes = head.node_count;
+    if (*used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends before its %d nodes do", head.node_count);
     for (size_t at = 0; at < flags; at += sizeof(double)) {
         double value;
         memcpy(&value, in + at, sizeof value);
@@ -144,6 +154,32 @@ static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t s
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
     }
     return SB_OK;
+}
+
+NDLI_API void ndli_rod_put(const ndl_rod *rod, sbi_state_out *out)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+static sb_result ndli_rod_check_image(const ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    size_t told, used;
+    int nodes;
+    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
+    if (result != SB_OK)
+        return result;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_rod_check(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD, told, &used, &nodes, error);
+    if (result == SB_OK && used != told)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved rod goes on behind its nodes");
+    return result;
 }
 
 NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
