@@ -29621,8 +29621,10 @@ static void sbi_live_follow_nodes(sb_matrix *matrix, const sbi_mesh_change *chan
     sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < change->removed_node_count; k++)
         sbi_live_drop_node(matrix, change->removed_nodes[k]);
-    for (; matrix->row_count < change->node_end; matrix->row_count++)
+    for (; matrix->row_count < change->node_end; matrix->row_count++) {
         sbi_live_open_row(matrix, matrix->row_count);
+        sbi_live_touch(matrix, matrix->row_count); /* its slot may stay free */
+    }
     for (int k = 0; k < change->made_node_count; k++) {
         int i = change->made_nodes[k];
         sbi_live_touch(matrix, i);

@@ -1427,6 +1427,46 @@ static void test_iterations(void)
     sb_mesh_free(&mesh);
 }
 
+/* Splits that are undone in the order in which they were made leave the highest slot to be used first: a free node lies
+ * below it, in a row of the matrix that has just come back. */
+static void test_slots_between(void)
+{
+    sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
+    sb_body_def def = live_def(&mesh, sb_material_corotated(5000, REAL(0.4), 1000), SB_NEWMARK);
+    const sb_real quarters[4] = {REAL(0.25), REAL(0.25), REAL(0.25), REAL(0.25)};
+    for (int kind = SB_PRECOND_NONE; kind <= SB_PRECOND_MULTIGRID; kind++) {
+        sb_body *body;
+        sb_error error;
+        op ops[4];
+        def.preconditioner = (sb_precond_kind)kind;
+        def.slack = 1;
+        body = scene_body(&def);
+        scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
+        memset(ops, 0, sizeof ops);
+        for (int i = 0; i < 4; i++) { /* tets far from each other */
+            ops[i].kind = OP_SPLIT_TET;
+            ops[i].count = 4;
+            memcpy(ops[i].corners, nodes_of(body, i * (mesh.element_count / 4)), sizeof ops[i].corners);
+            if (i < 3)
+                CHECK_OK(split(body, ops + i, quarters, &error));
+        }
+        CHECK_INT(ops[2].node, mesh.node_count + 2);
+        for (int i = 0; i < 3; i++)
+            CHECK_OK(undo(body, ops + i, &error));
+        CHECK_INT(sb_body_node_count(body), mesh.node_count);
+        CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
+        CHECK_OK(split(body, ops + 3, quarters, &error));
+        CHECK_INT(ops[3].node, mesh.node_count + 2);
+        if (!CHECK_OK(sb_body_live_check(body, &error)))
+            printf("%s: %s\n", sb_precond_string((sb_precond_kind)kind), error.message);
+        set_in_motion(body);
+        CHECK_OK(sb_body_step(body, REAL(0.01), NULL));
+        CHECK(all_finite(body));
+        sb_body_destroy(body);
+    }
+    sb_mesh_free(&mesh);
+}
+
 CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse order gives back all bits", test_inverse},
             {"materials and integrators", test_materials}, {"against a body made anew", test_against_fresh},
             {"pressure follows", test_pressure_follows}, {"forces of loads stay", test_forces_stay},
@@ -1436,6 +1476,7 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse or
             {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
             {"beyond the slack", test_growth},
             {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
+            {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
             {"iterations after changes", test_iterations}, {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
             {"a slide of one free node", test_slide_alone},
