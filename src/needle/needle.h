@@ -86,7 +86,13 @@ NDL_API ndl_needle_def ndl_default_needle_def(void);
 
 /* A needle at rest, at its body from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
- * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY. */
+ * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY.
+ *
+ * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in mid-insertion
+ * too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same order, wherever they
+ * are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is played on such a body. Make
+ * needles before a recording is started, and destroy them after it has been stopped: what follows otherwise is refused when
+ * it is played. A `cutting` of your own is not saved: both must do the same. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
