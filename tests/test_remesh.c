@@ -965,9 +965,9 @@ static void test_memory(void)
 {
     scene_memory memory;
     int fail_at = 1;
-    while (play_with_failure(fail_at, &memory) && fail_at < 200)
+    while (play_with_failure(fail_at, &memory) && fail_at < 2000)
         fail_at++;
-    CHECK(fail_at > 8 && fail_at < 200);
+    CHECK(fail_at > 8 && fail_at < 2000);
 }
 
 /* Once slack has grown, operations ask for nothing. */

@@ -1181,6 +1181,15 @@ static sb_change_cell ndli_remesh_cell(const ndl_remesh *r, int tet, int parent)
     return cell;
 }
 
+/* 1: a node of the tet has come, maybe in the slot of one that has gone. */
+static int ndli_remesh_is_renewed(const ndli_topology_change *c, const int nodes[4])
+{
+    for (int i = 0; i < c->node_event_count; i++)
+        if (c->node_events[i].node >= 0 && ndli_remesh_has(nodes, c->node_events[i].node))
+            return 1;
+    return 0;
+}
+
 static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
 {
     sb_result result = SB_OK;
@@ -1197,7 +1206,8 @@ static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change
     for (int i = 0; i < c->changed_count && result == SB_OK; i++) {
         int tet = c->changed[i];
         sb_change_cell cell = ndli_remesh_cell(r, tet, tet);
-        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0)
+        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0 ||
+            ndli_remesh_is_renewed(c, cell.nodes))
             result = sb_body_change_replace_cell(to, tet, &cell, error);
     }
     return result;
