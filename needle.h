@@ -591,8 +591,8 @@ typedef struct ndl_surface_hit {
 
 
 /* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
- * pass them: the volume of each region is not kept, nor its mass where densities differ; that of the body is; all of it
- * is undone at the end. */
+ * pass them: the volume of each region is not kept, nor, where densities differ, the mass of the body; all of it is undone
+ * at the end. */
 typedef enum ndl_interface_rule {
     NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
                                    * behind one has flat tets about it, as just below the skin */
@@ -13092,6 +13092,7 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 /* needle: making and releasing needles. */
 
 
+#include <limits.h>
 #include <string.h>
 
 /* ---- definition ---- */
@@ -13378,7 +13379,11 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return result;
+    if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+    return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
+                                                    (int)site->node_room, error)
+                           : result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)

@@ -6010,6 +6010,10 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix that
+ * grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
@@ -39485,6 +39489,39 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     return SB_OK;
 }
 
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error)
+{
+    enum { VECTORS = 4, ALIGNED = 64 }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
+    const sbi_guest *list[1];
+    sbi_pcg_guest_space measured;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_matrix view = *matrix;
+    sbi_guests guests;
+    sbi_guest guest;
+    size_t width = 2 * ((size_t)matrix->block_count / (size_t)sbi_max_int(1, matrix->row_count) + 1); /* of a row */
+    unsigned char *memory;
+    memset(&guest, 0, sizeof guest);
+    guest.unknown_count = unknowns;
+    guest.node_count = nodes;
+    list[0] = &guest;
+    guests.list = list;
+    guests.count = 1;
+    view.row_count = rows;
+    sbi_pcg_lay_out_guests(&guests, &view, &arena, &measured); /* of a guest that takes none */
+    sbi_arena_take(&arena, (size_t)nodes, 3 * VECTORS * sizeof(double) + width * 9 * sizeof(sb_real) + 1);
+    sbi_arena_take(&arena, VECTORS + 2, ALIGNED);
+    if (!arena.overflow && arena.used <= workspace->guest_bytes)
+        return SB_OK;
+    memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc_zeroed(&workspace->allocator, arena.used, 1);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a guest of %d unknowns on %d nodes", unknowns, nodes);
+    sbi_free(&workspace->allocator, workspace->guests);
+    workspace->guests = memory;
+    workspace->guest_bytes = arena.used;
+    return SB_OK;
+}
+
 /* 1 when space was reserved for these. */
 static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests *guests)
 {
@@ -45207,6 +45244,9 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
 SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
+ * slack. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -58674,6 +58714,12 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; 
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
 SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
+{
+    int rows = body->live ? sbi_body_node_slots(body).room : body->matrix.row_count;
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
+}
+
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }

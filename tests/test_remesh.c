@@ -119,16 +119,17 @@ static sb_mesh stuffed_mesh(int shapes)
 
 /* ---- a body under watch ---- */
 
-/* Corotated; the first three regions have different densities. */
+static const double remesh_densities[3] = {1000, 1300, 1100}; /* kg/m^3 of the first three regions */
+
+/* Corotated. */
 static sb_body *remesh_body(const sb_mesh *mesh, double slack, const sb_allocator *allocator)
 {
-    static const double densities[3] = {1000, 1300, 1100};
     sb_body_def def = sb_default_body_def();
     sb_region_material regions[3];
     sb_body *body = NULL;
     def.mesh = mesh;
     def.slack = REAL(slack);
-    def.material = sb_material_corotated(50000, REAL(0.3), REAL(densities[0]));
+    def.material = sb_material_corotated(50000, REAL(0.3), REAL(remesh_densities[0]));
     def.region_materials = regions;
     for (int r = 1; r < 3 && mesh->regions; r++) {
         int found = 0;
@@ -137,7 +138,7 @@ static sb_body *remesh_body(const sb_mesh *mesh, double slack, const sb_allocato
         if (!found)
             continue;
         regions[def.region_material_count].region = r;
-        regions[def.region_material_count++].material = sb_material_corotated(50000, REAL(0.3), REAL(densities[r]));
+        regions[def.region_material_count++].material = sb_material_corotated(50000, REAL(0.3), REAL(remesh_densities[r]));
     }
     if (allocator)
         def.allocator = *allocator;
@@ -259,17 +260,26 @@ static void tet_angles(const sb_body *body, int tet, double *low, double *high)
 }
 
 /* Volume (m^3) of the cells at rest. */
-static double body_volume(const sb_body *body)
+/* Volume, and by the densities of the regions, mass. */
+typedef struct amount {
+    double volume, mass;
+} amount;
+
+static amount body_amount(const sb_body *body)
 {
-    const sb_vec3 *X = sb_body_rest_positions(body);
-    double sum = 0;
-    for (int t = 0; t < sb_body_element_count(body); t++) {
-        const int *n = sb_body_cell_nodes(body, t);
-        if (n)
-            sum += (double)sb_v3_dot(sb_v3_sub(X[n[1]], X[n[0]]), sb_v3_cross(sb_v3_sub(X[n[2]], X[n[0]]),
-                                                                              sb_v3_sub(X[n[3]], X[n[0]])));
+    amount sum = {0, 0};
+    sb_mesh mesh;
+    if (!CHECK_OK(sb_body_get_mesh(body, NULL, &mesh, NULL, NULL, NULL)))
+        return sum;
+    for (int t = 0; t < mesh.element_count; t++) {
+        const int *n = mesh.elements + 4 * (size_t)t;
+        sb_vec3 a = mesh.nodes[n[0]], ab = sb_v3_sub(mesh.nodes[n[1]], a), ac = sb_v3_sub(mesh.nodes[n[2]], a);
+        double volume = (double)sb_v3_dot(ab, sb_v3_cross(ac, sb_v3_sub(mesh.nodes[n[3]], a))) / 6;
+        sum.volume += volume;
+        sum.mass += volume * remesh_densities[mesh.regions ? mesh.regions[t] : 0];
     }
-    return sum / 6;
+    sb_mesh_free(&mesh);
+    return sum;
 }
 
 /* How many of the edges of a path have a cell. */
@@ -354,7 +364,7 @@ typedef struct programs {
     sb_mesh mesh;
     double edge, worst, low, high; /* figures while the tip is more than twenty steps deep */
     double worst_at_all, drift;
-    double first_volume, first_mass, first_quality;
+    double first_volume, first_quality;
     int operations, smoothed, failures;
 } programs;
 
@@ -372,8 +382,7 @@ static int programs_begin(programs *p, sb_mesh mesh, double edge)
         return 0;
     def.body = p->body;
     watch_begin(&p->eye, p->body);
-    p->first_volume = body_volume(p->body);
-    p->first_mass = (double)sb_body_mass(p->body);
+    p->first_volume = body_amount(p->body).volume;
     if (!CHECK_OK(ndl_remesh_create(&def, &p->remesh, NULL)))
         return 0;
     ndl_remesh_quality(p->remesh, &quality, NULL, NULL);
@@ -394,8 +403,9 @@ static void programs_look(programs *p, sb_vec3 X, int deep)
     int count;
     const int *nodes = ndl_remesh_nodes(p->remesh, 0, &count);
     sb_real worst;
-    double volume = body_volume(p->body) / p->first_volume - 1;
-    double mass = (double)sb_body_mass(p->body) / p->first_mass - 1;
+    amount now = body_amount(p->body);
+    double volume = now.volume / p->first_volume - 1;
+    double mass = (double)sb_body_mass(p->body) / now.mass - 1; /* of several densities it goes with the regions' volumes */
     p->drift = fmax(p->drift, fmax(fabs(volume), fabs(mass)));
     ndl_remesh_quality(p->remesh, &worst, NULL, NULL);
     p->worst_at_all = fmin(p->worst_at_all, (double)worst);

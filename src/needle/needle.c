@@ -3,6 +3,7 @@
 
 #include "../softbody/body/body_guest.h"
 
+#include <limits.h>
 #include <string.h>
 
 /* ---- definition ---- */
@@ -289,7 +290,11 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return result;
+    if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+    return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
+                                                    (int)site->node_room, error)
+                           : result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)

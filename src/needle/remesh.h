@@ -8,8 +8,8 @@
 #include "topology.h"
 
 /* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
- * pass them: the volume of each region is not kept, nor its mass where densities differ; that of the body is; all of it
- * is undone at the end. */
+ * pass them: the volume of each region is not kept, nor, where densities differ, the mass of the body; all of it is undone
+ * at the end. */
 typedef enum ndl_interface_rule {
     NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
                                    * behind one has flat tets about it, as just below the skin */

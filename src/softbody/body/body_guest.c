@@ -69,6 +69,12 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; 
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
 SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
+{
+    int rows = body->live ? sbi_body_node_slots(body).room : body->matrix.row_count;
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
+}
+
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }

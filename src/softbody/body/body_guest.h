@@ -22,6 +22,9 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
 SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
+ * slack. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
