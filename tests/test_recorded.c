@@ -96,6 +96,23 @@ static sb_result act_listen(actor *a)
     sb_body_listener listener = {NULL, NULL, act_follow, NULL, NULL};
     return sb_body_listen(a->body, &listener, NULL, &a->error);
 }
+/* A point that follows the body, through one change of the mesh. */
+static sb_result act_embed(actor *a)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_result result;
+    def.mesh = &a->mesh;
+    def.points = a->mesh.nodes;
+    def.point_count = 1;
+    result = sb_embedding_create(&def, &embedding, &a->error);
+    if (result == SB_OK)
+        result = sb_embedding_follow(embedding, a->body, &a->error);
+    if (result == SB_OK)
+        result = act_change(a);
+    sb_embedding_destroy(embedding);
+    return result;
+}
 static sb_result act_unlisten(actor *a)
 {
     sb_body_listener listener = {NULL, NULL, act_follow, NULL, NULL};
@@ -476,6 +493,7 @@ static const act acts[] = {
     {"sb_body_set_damping", act_damping, ACTOR_LOADED},
     {"sb_body_set_solver", act_solver, ACTOR_LOADED},
     {"sb_body_change_begin", act_change, ACTOR_LOADED},
+    {"sb_embedding_follow", act_embed, ACTOR_PLAIN},
     {"sb_body_listen", act_listen, ACTOR_PLAIN},
     {"sb_body_unlisten", act_unlisten, ACTOR_PLAIN},
     {"sb_body_fix_nodes", act_fix, ACTOR_PLAIN},
