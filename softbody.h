@@ -5017,17 +5017,19 @@ typedef struct sb_embedding sb_embedding;
 SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding **embedding, sb_error *error);
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
-/* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the
- * body's mesh (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where
- * nodes move in the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+/* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
+ * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
+ * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
+ * (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where nodes move in
+ * the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. SB_ERROR_MEMORY: see sb_embedding_follow. Output arrays must not overlap
- * node_positions. Otherwise allocates nothing; the same bits for any number of threads; one call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state was
+ * loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads; one
+ * call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 
@@ -5103,7 +5105,7 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
  * Cost: a change searches the points of changed cells, then, where there are any, makes what updates read anew in one
- * pass over all points: 0.8 ms for 10,000 points in 16,000 tet4, of which a node slides. The first call takes about as
+ * pass over all points: 0.9 ms for 10,000 points in 14,000 tet4 (tests/bench/RESULTS.md). The first call takes about as
  * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
  * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
  * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
@@ -54285,8 +54287,8 @@ typedef struct sbi_embed_follower {
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
-/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, or where it follows a mesh
- * already it is stale. */
+/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an owner,
+ * whose mesh this is, it is stale. */
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);
 /* Prepares a change of the mesh. On failure nothing has changed; after success one of the next two ends it. */
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
@@ -54395,8 +54397,6 @@ static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 norma
     place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
 }
 
-/* Places one point; *hint is an element nearby, and then the point's own. */
-/* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
 SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
                                    const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info)
 {
@@ -55510,17 +55510,19 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
 {
-    sbi_embed_follower *f = e->follower ? e->follower : sbi_embed_follower_make(e);
+    sbi_embed_follower *old = e->follower, *f = sbi_embed_follower_make(e);
     sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
-    if (result == SB_OK) {
-        f->stale = 0;
-        sbi_embed_adopt(e, f);
-    } else if (e->follower) {
-        f->stale = 1;
-    } else {
+    if (result != SB_OK) {
         sbi_embed_follower_free(e, f);
+        if (old && old->owner.body)
+            old->stale = 1;
+        return result;
     }
-    return result;
+    sbi_embed_adopt(e, f);
+    if (old)
+        f->owner = old->owner;
+    sbi_embed_follower_free(e, old);
+    return SB_OK;
 }
 
 /* ---- changes ---- */
@@ -55546,8 +55548,8 @@ static int sbi_embed_reserve_mesh(const sb_embedding *e, sbi_embed_follower *f)
 
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error)
 {
-    sbi_embed_follower *f = e->follower;
-    sb_result result = f->stale ? f->owner.refresh(e, error) : SB_OK;
+    sb_result result = e->follower->stale ? e->follower->owner.refresh(e, error) : SB_OK;
+    sbi_embed_follower *f = e->follower; /* another one after a refresh */
     int known;
     if (result != SB_OK)
         return result;
@@ -56134,7 +56136,6 @@ typedef struct sbi_embed_build {
     sbi_embed_place *places;
     sb_embedding *e;
 } sbi_embed_build;
-
 
 static void sbi_embed_task_place(void *user, int task)
 {

@@ -11,38 +11,80 @@ typedef struct follow_case {
     sb_mesh mesh;
     sb_body *body;
     sb_embedding *embedding;
+    double size; /* m: tolerances go with it */
     sb_vec3 points[FOLLOW_POINTS], normals[FOLLOW_POINTS], out[FOLLOW_POINTS], out_normals[FOLLOW_POINTS];
 } follow_case;
 
 static const sb_real follow_size[3] = {REAL(0.2), REAL(0.15), REAL(0.1)};
 
-static void follow_make(follow_case *c, sb_element_type type, sb_embedding_kind kind, const sb_allocator *allocator,
-                        double slack, unsigned long long seed)
+/* Body and embedding of the case's mesh and points. */
+static void follow_embed(follow_case *c, sb_embedding_kind kind, const sb_allocator *allocator, double slack)
 {
     sb_body_def def = sb_default_body_def();
     sb_embedding_def points = sb_default_embedding_def();
     sb_error error;
-    memset(c, 0, sizeof *c);
-    c->mesh = scene_box(type, 4, 3, 2, sb_v3(follow_size[0], follow_size[1], follow_size[2]), 0.1);
     def.mesh = &c->mesh;
     def.slack = REAL(slack);
     if (allocator)
         def.allocator = points.allocator = *allocator;
     def.material = sb_material_neo_hookean(5000, REAL(0.4), 1000);
     CHECK_OK(sb_body_create(&def, &c->body, &error));
-    for (int i = 0; i < FOLLOW_POINTS; i++) {
-        double margin = i % 2 ? 0.01 : -0.005, x[3];
-        for (int k = 0; k < 3; k++)
-            x[k] = check_random_in(&seed, -margin, (double)follow_size[k] + margin);
-        c->points[i] = sb_v3(REAL(x[0]), REAL(x[1]), REAL(x[2]));
-        c->normals[i] = sb_v3(REAL(check_random(&seed) + 0.1), REAL(check_random(&seed)), REAL(check_random(&seed)));
-    }
     points.mesh = &c->mesh;
     points.points = c->points;
     points.normals = c->normals;
     points.point_count = FOLLOW_POINTS;
     points.kind = kind;
     CHECK_OK(sb_embedding_create(&points, &c->embedding, &error));
+}
+
+static sb_vec3 follow_direction(unsigned long long *seed)
+{
+    double x = check_random(seed) + 0.1, y = check_random(seed);
+    return sb_v3(REAL(x), REAL(y), REAL(check_random(seed)));
+}
+
+static void follow_make(follow_case *c, sb_element_type type, sb_embedding_kind kind, const sb_allocator *allocator,
+                        double slack, unsigned long long seed)
+{
+    memset(c, 0, sizeof *c);
+    c->size = 1;
+    c->mesh = scene_box(type, 4, 3, 2, sb_v3(follow_size[0], follow_size[1], follow_size[2]), 0.1);
+    for (int i = 0; i < FOLLOW_POINTS; i++) {
+        double margin = i % 2 ? 0.01 : -0.005, x[3];
+        for (int k = 0; k < 3; k++)
+            x[k] = check_random_in(&seed, -margin, (double)follow_size[k] + margin);
+        c->points[i] = sb_v3(REAL(x[0]), REAL(x[1]), REAL(x[2]));
+        c->normals[i] = follow_direction(&seed);
+    }
+    follow_embed(c, kind, allocator, slack);
+}
+
+/* A curved organ in other units, stretched; points on its nodes and edges, inside, and off its skin. */
+static void follow_make_organ(follow_case *c, sb_embedding_kind kind, int cells, unsigned long long *seed)
+{
+    double unit = pow(10, check_random_in(seed, -2, 1)), stretch = check_random_in(seed, 0.4, 2);
+    sb_vec3 low, high;
+    memset(c, 0, sizeof *c);
+    if (!CHECK_OK(sb_mesh_organ(SB_TET4, cells, NULL, &c->mesh, NULL)))
+        return;
+    for (int i = 0; i < c->mesh.node_count; i++) {
+        sb_vec3 *x = &c->mesh.nodes[i];
+        *x = sb_v3(REAL(unit) * x->x, REAL(unit * stretch) * x->y, REAL(unit) * x->z);
+    }
+    sb_mesh_bounds(&c->mesh, &low, &high);
+    c->size = 1 + 2 * (double)sb_v3_norm(sb_v3_sub(high, low));
+    for (int i = 0; i < FOLLOW_POINTS; i++) {
+        const int *cell = c->mesh.elements + 4 * (int)(check_random(seed) * c->mesh.element_count);
+        double shares[4], sum = 0;
+        for (int a = 0; a < 4; a++)
+            sum += shares[a] = a < 1 + i % 4 ? check_random_in(seed, 0.1, 1) : 0;
+        for (int a = 0; a < 4; a++)
+            c->points[i] = sb_v3_madd(c->points[i], REAL(shares[a] / sum), c->mesh.nodes[cell[a]]);
+        c->normals[i] = follow_direction(seed);
+        if (i % 5 == 0)
+            c->points[i] = sb_v3_add(c->points[i], sb_v3_scale(REAL(check_random_in(seed, -0.1, 0.1)), sb_v3_sub(high, low)));
+    }
+    follow_embed(c, kind, NULL, 0.3);
 }
 
 static void follow_free(follow_case *c)
@@ -197,7 +239,7 @@ static void follow_check(follow_case *c, sb_embedding_kind kind)
     int nodes = sb_body_node_count(c->body);
     const sb_vec3 *rest = sb_body_rest_positions(c->body);
     sb_vec3 *x = (sb_vec3 *)calloc((size_t)nodes, sizeof *x), *f = (sb_vec3 *)calloc((size_t)nodes, sizeof *f);
-    double worst = 0, tolerance = scene_tolerance(1e-15, 20), moment[6] = {0};
+    double worst = 0, tolerance = c->size * scene_tolerance(1e-15, 20), moment[6] = {0};
     CHECK_INT(sb_embedding_get_report(c->embedding).node_count, nodes);
     for (int way = 0; way < 3; way++) {
         for (int i = 0; i < nodes; i++)
@@ -226,7 +268,7 @@ static void follow_check(follow_case *c, sb_embedding_kind kind)
             moment[k] += sign * all[k];
     }
     for (int k = 0; k < 6; k++)
-        CHECK(fabs(moment[k]) < scene_tolerance(1e-12, 10) * (double)FOLLOW_POINTS);
+        CHECK(fabs(moment[k]) < c->size * scene_tolerance(1e-12, 10) * (double)FOLLOW_POINTS);
     free(x);
     free(f);
 }
@@ -305,6 +347,36 @@ static void test_follow_random(void)
         }
         CHECK_INT(sb_embedding_get_report(c.embedding).lost, lost);
         CHECK(lost > 0);
+        follow_free(&c);
+    }
+}
+
+/* Changes near each other, as of a needle or a blade, on organs: the material is kept, and updates have the same bits on
+ * any number of threads. */
+static void test_follow_organs(void)
+{
+    for (int round = 0; round < (check_quick() ? 3 : 10); round++) {
+        sb_embedding_kind kind = round % 2 ? SB_EMBED_PLAIN : SB_EMBED_SMOOTH;
+        unsigned long long seed = 900 + 17 * (unsigned long long)round;
+        int done = 0, workers = 2 + round % 4;
+        sb_jobs jobs = scene_jobs(&workers);
+        follow_case c;
+        follow_op o;
+        follow_make_organ(&c, kind, 4 + round % 3, &seed);
+        CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+        follow_check(&c, kind);
+        for (int k = 0; k < 50; k++) {
+            unsigned long long near = seed + (unsigned long long)(k / 10);
+            done += follow_change(c.body, &o, k % 7 == 6 ? 2 : k % 2, 4, k % 3 ? &seed : &near) == SB_OK;
+            if (k % 5 == 4) {
+                static sb_vec3 alone[FOLLOW_POINTS];
+                follow_check(&c, kind);
+                CHECK_OK(sb_embedding_update(c.embedding, sb_body_rest_positions(c.body), alone, NULL, NULL));
+                CHECK_OK(sb_embedding_update(c.embedding, sb_body_rest_positions(c.body), c.out, NULL, &jobs));
+                CHECK(!memcmp(alone, c.out, sizeof alone));
+            }
+        }
+        CHECK(done > 20);
         follow_free(&c);
     }
 }
@@ -405,6 +477,82 @@ static void test_follow_memory(void)
     CHECK(failures > 5);
 }
 
+/* An embedding that follows no longer is what it was when it cannot follow again for want of memory. */
+static void test_follow_again(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    unsigned long long seed = 81;
+    sb_vec3 before[FOLLOW_POINTS], *x;
+    sb_result result = SB_ERROR_MEMORY;
+    follow_case c;
+    follow_op o;
+    int failures = 0;
+    follow_make(&c, SB_TET4, SB_EMBED_SMOOTH, &allocator, 1, seed);
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    for (int k = 0; k < 9; k++)
+        follow_change(c.body, &o, k % 3, 4, &seed);
+    CHECK_OK(sb_embedding_unfollow(c.embedding));
+    x = (sb_vec3 *)calloc((size_t)sb_body_node_count(c.body), sizeof *x);
+    for (int i = 0; i < sb_body_node_count(c.body); i++)
+        x[i] = follow_bend(sb_body_rest_positions(c.body)[i]);
+    CHECK_OK(sb_embedding_update(c.embedding, x, before, NULL, NULL));
+    for (int n = 1; n < 1000 && result == SB_ERROR_MEMORY; n++) {
+        memory.calls = 0;
+        memory.fail_at = n;
+        result = sb_embedding_follow(c.embedding, c.body, NULL);
+        memory.fail_at = 0;
+        failures += result != SB_OK;
+        CHECK_OK(sb_embedding_update(c.embedding, x, c.out, NULL, NULL));
+        CHECK(result == SB_OK || !memcmp(before, c.out, sizeof before));
+    }
+    CHECK_OK(result);
+    CHECK(failures > 10);
+    follow_check(&c, SB_EMBED_SMOOTH);
+    free(x);
+    follow_free(&c);
+    CHECK_INT(memory.live, 0);
+}
+
+/* After a state was loaded without memory for the embedding it says so until there is some, and is right then. */
+static void test_follow_state_without_memory(void)
+{
+    scene_memory memory = {0, 0, 0};
+    sb_allocator allocator = scene_allocator(&memory);
+    unsigned long long seed = 83;
+    unsigned char *image;
+    size_t size;
+    follow_case c;
+    follow_op o;
+    int stale = 0, loaded = 0;
+    follow_make(&c, SB_TET4, SB_EMBED_SMOOTH, &allocator, 1, seed);
+    size = sb_body_state_size(c.body);
+    image = (unsigned char *)malloc(size);
+    CHECK_OK(sb_body_state_save(c.body, image, size));
+    CHECK_OK(sb_embedding_follow(c.embedding, c.body, NULL));
+    for (int n = 1; n < 2000 && loaded < 3; n++) {
+        sb_result result;
+        while (follow_change(c.body, &o, 0, 4, &seed) != SB_OK)
+            continue;
+        memory.calls = 0;
+        memory.fail_at = n;
+        result = sb_body_state_load(c.body, image, size, NULL);
+        loaded += result == SB_OK && memory.calls < n;
+        memory.fail_at = result == SB_OK ? memory.calls + 1 : 0;
+        if (sb_embedding_update(c.embedding, sb_body_positions(c.body), c.out, NULL, NULL) != SB_OK)
+            stale++;
+        memory.fail_at = 0;
+        CHECK_OK(sb_embedding_update(c.embedding, sb_body_positions(c.body), c.out, NULL, NULL));
+        follow_check(&c, SB_EMBED_SMOOTH);
+        CHECK_OK(sb_body_state_load(c.body, image, size, NULL));
+    }
+    CHECK_INT(loaded, 3);
+    CHECK(stale > 10);
+    free(image);
+    follow_free(&c);
+    CHECK_INT(memory.live, 0);
+}
+
 /* Slides and splits that go back and forth allocate once. */
 static void test_follow_no_allocations(void)
 {
@@ -461,7 +609,10 @@ static void test_follow_state(void)
     follow_free(&c);
 }
 
-CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"other elements", test_follow_elements},
+CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"organs", test_follow_organs},
+            {"other elements", test_follow_elements},
             {"the inverse order gives back all bits", test_follow_inverse},
             {"every allocation fails", test_follow_memory},
+            {"followed again without memory", test_follow_again},
+            {"states without memory", test_follow_state_without_memory},
             {"changes that allocated once", test_follow_no_allocations}, {"states and ends", test_follow_state});

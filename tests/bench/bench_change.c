@@ -238,8 +238,31 @@ static sb_body_change *join_all(sb_body *body, const splits *s)
     return change;
 }
 
-/* Commits there and back, the calls before them, and the first step after a change against the second. */
-static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
+/* So many points at random in the mesh's box, which follow the body; NULL for none. */
+static sb_embedding *follow_points(const sb_mesh *mesh, sb_body *body, int count, unsigned long long *seed)
+{
+    sb_vec3 *points = (sb_vec3 *)malloc((size_t)count * sizeof *points), low, high;
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_embedding *embedding = NULL;
+    sb_mesh_bounds(mesh, &low, &high);
+    for (int i = 0; i < count; i++)
+        points[i] = sb_v3((sb_real)check_random_in(seed, (double)low.x, (double)high.x),
+                          (sb_real)check_random_in(seed, (double)low.y, (double)high.y),
+                          (sb_real)check_random_in(seed, (double)low.z, (double)high.z));
+    def.mesh = mesh;
+    def.points = points;
+    def.point_count = count;
+    if (count > 0) {
+        must(sb_embedding_create(&def, &embedding, NULL));
+        must(sb_embedding_follow(embedding, body, NULL));
+    }
+    free(points);
+    return embedding;
+}
+
+/* Commits there and back, the calls before them, and the first step after a change against the second; with so many points
+ * that follow. */
+static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind, int points)
 {
     static splits s;
     static double commits[2 * BODY_RUNS], calls[2 * BODY_RUNS], first[2 * BODY_RUNS], second[2 * BODY_RUNS];
@@ -248,6 +271,7 @@ static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
     sb_body_def def = sb_default_body_def();
     sb_mesh mesh;
     sb_body *body;
+    sb_embedding *embedding;
     int changed = 0, samples = 0;
     double middle;
     memset(&mesh, 0, sizeof mesh);
@@ -266,6 +290,7 @@ static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
         if (m.X[i].x < (sb_real)1e-6)
             must(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
     must(sb_body_step(body, (sb_real)0.01, NULL));
+    embedding = follow_points(&mesh, body, points, &seed);
     for (int run = 0; run < BODY_RUNS; run++)
         for (int way = 0; way < 2; way++, samples++) {
             sb_body_change *change;
@@ -288,9 +313,10 @@ static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind)
             changed = s.cells;
         }
     middle = median(commits, samples);
-    printf("commit_%dk cells=%d %s calls_us=%.1f commit_us=%.1f (least %.1f) first_step_us=%.0f second_step_us=%.0f\n",
-           6 * nx * ny * nz / 1000, changed, sb_precond_string(sb_body_solver(body).kind), 1e6 * median(calls, samples),
+    printf("commit_%dk cells=%d %s points=%d calls_us=%.1f commit_us=%.1f (least %.1f) first_step_us=%.0f second_step_us=%.0f\n",
+           6 * nx * ny * nz / 1000, changed, sb_precond_string(sb_body_solver(body).kind), points, 1e6 * median(calls, samples),
            1e6 * middle, 1e6 * commits[0], 1e6 * median(first, samples), 1e6 * median(second, samples));
+    sb_embedding_destroy(embedding);
     sb_body_destroy(body);
     live_mesh_free(&m);
 }
@@ -300,9 +326,10 @@ int main(void)
     bench(28, 9, 9, 20);
     bench(28, 9, 9, 200);
     bench(56, 18, 17, 20);
-    bench_body(28, 9, 9, 20, SB_PRECOND_AUTO);
-    bench_body(28, 9, 9, 200, SB_PRECOND_AUTO);
-    bench_body(28, 9, 9, 2000, SB_PRECOND_AUTO);
-    bench_body(28, 9, 9, 20, SB_PRECOND_MULTIGRID);
+    bench_body(28, 9, 9, 20, SB_PRECOND_AUTO, 0);
+    bench_body(28, 9, 9, 200, SB_PRECOND_AUTO, 0);
+    bench_body(28, 9, 9, 2000, SB_PRECOND_AUTO, 0);
+    bench_body(28, 9, 9, 20, SB_PRECOND_MULTIGRID, 0);
+    bench_body(28, 9, 9, 20, SB_PRECOND_AUTO, 10000);
     return 0;
 }

@@ -23,7 +23,7 @@
  * - A listener (sb_body_listen) registered later finds the embedding changed when its `follow` is called. Between its
  *   `reserve` and that, the embedding is not to be read.
  * Cost: a change searches the points of changed cells, then, where there are any, makes what updates read anew in one
- * pass over all points: 0.8 ms for 10,000 points in 16,000 tet4, of which a node slides. The first call takes about as
+ * pass over all points: 0.9 ms for 10,000 points in 14,000 tet4 (tests/bench/RESULTS.md). The first call takes about as
  * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
  * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
  * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.

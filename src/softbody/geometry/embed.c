@@ -16,7 +16,6 @@ typedef struct sbi_embed_build {
     sb_embedding *e;
 } sbi_embed_build;
 
-
 static void sbi_embed_task_place(void *user, int task)
 {
     sbi_embed_build *build = (sbi_embed_build *)user;

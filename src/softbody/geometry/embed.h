@@ -56,17 +56,19 @@ typedef struct sb_embedding sb_embedding;
 SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding **embedding, sb_error *error);
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
-/* Where the points are when the nodes of the mesh are at node_positions[mesh.node_count] (m), such as
- * sb_body_positions(body): points[point_count], and unless NULL unit normals[point_count]. After a change of the
- * body's mesh (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where
- * nodes move in the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+/* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
+ * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
+ * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
+ * (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where nodes move in
+ * the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. SB_ERROR_MEMORY: see sb_embedding_follow. Output arrays must not overlap
- * node_positions. Otherwise allocates nothing; the same bits for any number of threads; one call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state was
+ * loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads; one
+ * call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 

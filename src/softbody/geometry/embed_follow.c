@@ -445,17 +445,19 @@ static sb_result sbi_embed_take_mesh(sb_embedding *e, sbi_embed_follower *f, con
 
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error)
 {
-    sbi_embed_follower *f = e->follower ? e->follower : sbi_embed_follower_make(e);
+    sbi_embed_follower *old = e->follower, *f = sbi_embed_follower_make(e);
     sb_result result = f ? sbi_embed_take_mesh(e, f, mesh, error) : sbi_embed_follow_no_memory(e, error);
-    if (result == SB_OK) {
-        f->stale = 0;
-        sbi_embed_adopt(e, f);
-    } else if (e->follower) {
-        f->stale = 1;
-    } else {
+    if (result != SB_OK) {
         sbi_embed_follower_free(e, f);
+        if (old && old->owner.body)
+            old->stale = 1;
+        return result;
     }
-    return result;
+    sbi_embed_adopt(e, f);
+    if (old)
+        f->owner = old->owner;
+    sbi_embed_follower_free(e, old);
+    return SB_OK;
 }
 
 /* ---- changes ---- */
@@ -481,8 +483,8 @@ static int sbi_embed_reserve_mesh(const sb_embedding *e, sbi_embed_follower *f)
 
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error)
 {
-    sbi_embed_follower *f = e->follower;
-    sb_result result = f->stale ? f->owner.refresh(e, error) : SB_OK;
+    sb_result result = e->follower->stale ? e->follower->owner.refresh(e, error) : SB_OK;
+    sbi_embed_follower *f = e->follower; /* another one after a refresh */
     int known;
     if (result != SB_OK)
         return result;

@@ -76,8 +76,8 @@ typedef struct sbi_embed_follower {
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
-/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, or where it follows a mesh
- * already it is stale. */
+/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an owner,
+ * whose mesh this is, it is stale. */
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);
 /* Prepares a change of the mesh. On failure nothing has changed; after success one of the next two ends it. */
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);

@@ -69,8 +69,6 @@ static void sbi_embed_place_normal(const sbi_embed_volume *volume, sb_vec3 norma
     place->carried[0] = carried.x, place->carried[1] = carried.y, place->carried[2] = carried.z;
 }
 
-/* Places one point; *hint is an element nearby, and then the point's own. */
-/* Places one point; *hint is an element nearby, and then the point's own. normal: NULL for none. */
 SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_kind kind, sb_vec3 point,
                                    const sb_vec3 *normal, int *hint, sbi_embed_place *place, sb_embedded_point *info)
 {
