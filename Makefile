@@ -146,12 +146,12 @@ UNIT_CFLAGS = -O0 # of tests and parts that are compiled beside the whole implem
 SANITIZERS = -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 SANITIZE_CFLAGS = -O1 -g
 # Suites that touch most of what a language, a system or threads could change; the other builds are of all.
-PORTABLE = core dense element material mesh meshio sparse pcg body step state record surface embed grid rod steer tissue \
+PORTABLE = core dense element material mesh meshio sparse pcg body step state record surface embed grid rod steer \
 	couple kdtree cloud cpd field picture
-THREADED = core step golden tissue couple precond multigrid
+THREADED = core step golden couple precond multigrid
 # Suites with tests on several threads, and those tests.
 TSAN_SUITES = anything assembly bbar cloud constraint couple cpd custom embed grid integrators load match multigrid nicp \
-	parts precond record schemes step stuffing surface tissue viscoelastic
+	parts precond record schemes step stuffing surface viscoelastic
 TSAN_FILTER = /threads /same multigrid/the cloud/normals grid/surfaces surface/batches record/plays
 LONG = $(wildcard tests/test_verification_*.c tests/test_reference.c)
 FLOAT_TESTS = $(TESTS)

@@ -27,8 +27,8 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. A tissue with needles cannot be saved or loaded (SB_ERROR_UNSUPPORTED). What is
- * embedded in its first mesh goes by ndl_tissue_original_positions, not by ndl_tissue_positions.
+ * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with implicit
+ * steps. What is embedded in a body follows the changes that needles make where it is asked to (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *
@@ -57,18 +57,19 @@
  *         sb_mesh mesh;                                                 // a block of 6 x 6 x 6 cm, corner at 0
  *         require(sb_mesh_beam(SB_TET4, 10, 10, 10, sb_v3(0.06, 0.06, 0.06), NULL, &mesh, &error), &error);
  *
- *         ndl_tissue_material gel = {50e3, 0.45, 1000};                 // Young's modulus, Poisson's ratio, density
- *         ndl_tissue_def td = ndl_default_tissue_def();
- *         td.mesh = &mesh, td.materials = &gel, td.material_count = 1;
- *         ndl_tissue *tissue = NULL;
- *         require(ndl_tissue_create(&td, &tissue, &error), &error);
+ *         sb_body_def bd = sb_default_body_def();
+ *         bd.mesh = &mesh;
+ *         bd.material = sb_material_corotated(50e3, 0.45, 1000);        // Young's modulus, Poisson's ratio, density
+ *         bd.slack = 0.2;                                               // its mesh may change
+ *         sb_body *body = NULL;
+ *         require(sb_body_create(&bd, &body, &error), &error);
  *         for (int i = 0; i < mesh.node_count; i++)
  *             if (mesh.nodes[i].z < 1e-6)                               // it stands on a table
- *                 ndl_tissue_fix(tissue, i);
+ *                 require(sb_body_hold(body, &i, 1, SB_XYZ, &error), &error);
  *
  *         ndl_friction friction = {20, 0, 0.5, 0, 0};                   // 20 N/m along the shaft, 0.5 N to cut
  *         ndl_needle_def nd = ndl_default_needle_def();
- *         nd.tissue = tissue;
+ *         nd.body = body;
  *         nd.base = sb_v3(0.031, 0.029, 0.12), nd.direction = sb_v3(0, 0, -1); // 6 cm above, looking down
  *         nd.length = 0.058;                                            // tip 2 mm above the skin
  *         nd.frictions = &friction, nd.friction_count = 1;
@@ -83,7 +84,7 @@
  *             ndl_step_info info;
  *             command.insertion = frame < 180 ? 0.0125 : -0.025;        // m/s
  *             command.twist = frame >= 90 && frame < 100 ? 3.14159265 / 0.2 : 0; // rad/s
- *             require(ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error), &error);
+ *             require(ndl_step(body, &needle, 1, 0.02, &command, &info, &error), &error);
  *             ndl_needle_base_wrench(needle, &force, NULL);             // what the hand exerts
  *             if (frame % 40 == 0) {
  *                 sb_vec3 tip = ndl_needle_tip(needle).position;
@@ -91,10 +92,10 @@
  *                        1e3 * ndl_needle_depth(needle), -force.z);
  *             }
  *         }
- *         int out = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(tissue));
+ *         int out = ndl_remesh_is_original(ndl_needle_remesh(needle));
  *         printf("the mesh is %s\n", out ? "as it was" : "changed");
- *         ndl_needle_destroy(needle);                                   // before its tissue
- *         ndl_tissue_destroy(tissue);
+ *         ndl_needle_destroy(needle);                                   // before its body
+ *         sb_body_destroy(body);
  *         sb_mesh_free(&mesh);
  *         return out ? 0 : 1;
  *     }
@@ -104,11 +105,11 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * ndl_tissue   corotated linear tets that move and whose mesh may change: materials by region, supports
- *              (ndl_tissue_fix, _prescribe), forces, gravity. ndl_tissue_step moves it without needles.
- * ndl_needle   a needle at one tissue, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
- *              cuts. ndl_step moves a tissue and all its needles together: one linear system, solved again with other
- *              states of friction where a node sticks that should slip, or the other way.
+ * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres, regions,
+ *              supports, loads and constraints; sb_body_step moves it without its needles.
+ * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
+ *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step, solved
+ *              again with other states of friction where a node sticks that should slip, or the other way.
  * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
  *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
  *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.
@@ -123,7 +124,7 @@
  *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
  *              moves it, ndl_rod_solve_static finds its equilibrium.
  * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
- * state        ndl_tissue_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ * state        sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
  *
  * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
  * beyond its slack asks for more.
@@ -224,15 +225,6 @@
 #define ndl_rod_reaction_torque ndl_rod_reaction_torque_f32
 #define ndl_rod_grip_torque ndl_rod_grip_torque_f32
 #define ndl_rod_base_wrench ndl_rod_base_wrench_f32
-#define ndl_tissue_mesh_create ndl_tissue_mesh_create_f32
-#define ndl_tissue_mesh_free ndl_tissue_mesh_free_f32
-#define ndl_tissue_mesh_find ndl_tissue_mesh_find_f32
-#define ndl_tissue_mesh_hit ndl_tissue_mesh_hit_f32
-#define ndl_tissue_mesh_quality ndl_tissue_mesh_quality_f32
-#define ndl_tissue_mesh_volume ndl_tissue_mesh_volume_f32
-#define ndl_tissue_mesh_mass ndl_tissue_mesh_mass_f32
-#define ndl_tissue_mesh_check ndl_tissue_mesh_check_f32
-#define ndl_tissue_mesh_is_original ndl_tissue_mesh_is_original_f32
 #define ndl_default_remesh_def ndl_default_remesh_def_f32
 #define ndl_remesh_create ndl_remesh_create_f32
 #define ndl_remesh_destroy ndl_remesh_destroy_f32
@@ -244,27 +236,12 @@
 #define ndl_remesh_nodes ndl_remesh_nodes_f32
 #define ndl_remesh_limit ndl_remesh_limit_f32
 #define ndl_remesh_material_point ndl_remesh_material_point_f32
+#define ndl_remesh_hit ndl_remesh_hit_f32
 #define ndl_remesh_split_count ndl_remesh_split_count_f32
-#define ndl_default_tissue_def ndl_default_tissue_def_f32
-#define ndl_tissue_create ndl_tissue_create_f32
-#define ndl_tissue_destroy ndl_tissue_destroy_f32
-#define ndl_tissue_get_mesh ndl_tissue_get_mesh_f32
-#define ndl_tissue_fix ndl_tissue_fix_f32
-#define ndl_tissue_prescribe ndl_tissue_prescribe_f32
-#define ndl_tissue_release ndl_tissue_release_f32
-#define ndl_tissue_is_held ndl_tissue_is_held_f32
-#define ndl_tissue_set_force ndl_tissue_set_force_f32
-#define ndl_tissue_set_gravity ndl_tissue_set_gravity_f32
-#define ndl_tissue_set_damping ndl_tissue_set_damping_f32
-#define ndl_tissue_set_material ndl_tissue_set_material_f32
-#define ndl_tissue_step ndl_tissue_step_f32
-#define ndl_tissue_positions ndl_tissue_positions_f32
-#define ndl_tissue_original_positions ndl_tissue_original_positions_f32
-#define ndl_tissue_velocities ndl_tissue_velocities_f32
-#define ndl_tissue_reactions ndl_tissue_reactions_f32
-#define ndl_tissue_get_energies ndl_tissue_get_energies_f32
-#define ndl_tissue_momentum ndl_tissue_momentum_f32
-#define ndl_tissue_stiffness ndl_tissue_stiffness_f32
+#define ndl_remesh_quality ndl_remesh_quality_f32
+#define ndl_remesh_original_positions ndl_remesh_original_positions_f32
+#define ndl_remesh_is_original ndl_remesh_is_original_f32
+#define ndl_remesh_check ndl_remesh_check_f32
 #define ndl_helix_pose ndl_helix_pose_f32
 #define ndl_tip_turn ndl_tip_turn_f32
 #define ndl_helix_radius ndl_helix_radius_f32
@@ -292,7 +269,8 @@
 #define ndl_needle_tip ndl_needle_tip_f32
 #define ndl_needle_base_wrench ndl_needle_base_wrench_f32
 #define ndl_needle_entry ndl_needle_entry_f32
-#define ndl_needle_tissue_node ndl_needle_tissue_node_f32
+#define ndl_needle_body_node ndl_needle_body_node_f32
+#define ndl_needle_remesh ndl_needle_remesh_f32
 #define ndl_needle_contact ndl_needle_contact_f32
 #define ndl_needle_contact_force ndl_needle_contact_force_f32
 #define ndl_needle_depth ndl_needle_depth_f32
@@ -300,12 +278,6 @@
 #define ndl_needle_advance ndl_needle_advance_f32
 #define ndl_needle_cutting ndl_needle_cutting_f32
 #define ndl_needle_tip_material ndl_needle_tip_material_f32
-#define ndl_tissue_state_size ndl_tissue_state_size_f32
-#define ndl_tissue_save ndl_tissue_save_f32
-#define ndl_tissue_load ndl_tissue_load_f32
-#define ndl_remesh_state_size ndl_remesh_state_size_f32
-#define ndl_remesh_save ndl_remesh_save_f32
-#define ndl_remesh_load ndl_remesh_load_f32
 #define ndl_rod_state_size ndl_rod_state_size_f32
 #define ndl_rod_save ndl_rod_save_f32
 #define ndl_rod_load ndl_rod_load_f32
@@ -590,146 +562,24 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
 
 #endif /* NDL_ROD_H */
 
-/* ==== src/needle/tissue_mesh.h ==== */
-/* tissue_mesh: the tissue around a needle, a tet4 mesh whose nodes move and whose topology changes. Floor 6. */
-#ifndef NDL_TISSUE_MESH_H
-#define NDL_TISSUE_MESH_H
-
-
-/* What a node is; flags of ndl_tissue_mesh.node_flags. */
-typedef enum ndl_node_flag {
-    NDL_NODE_ALIVE = 1,     /* the slot holds a node */
-    NDL_NODE_BOUNDARY = 2,  /* on the tissue's surface */
-    NDL_NODE_INTERFACE = 4, /* between regions */
-    NDL_NODE_FIXED = 8,     /* set by the caller: stays where it is in the material */
-    NDL_NODE_CREATED = 16,  /* made by a split: has no place of its own in the undivided mesh */
-    NDL_NODE_NEEDLE = 32    /* on a needle now */
-} ndl_node_flag;
-
-/* A node that a change of the mesh made or moved: the old fields at four old nodes, times the weights, give its new
- * ones. A source may be gone by now, or its slot in use again: read all sources before writing any node. */
-typedef struct ndl_node_change {
-    int node;
-    int created; /* 1: a new node (its slot may have held another); 0: moved */
-    int sources[4];
-    sb_real weights[4];
-    sb_vec3 X; /* its material position (m) */
-} ndl_node_change;
-
-/* What one change did, for whoever keeps data by node or tet (a matrix, internal variables). A slot that was in use
- * before and is now is `changed`, whether its nodes differ or only its shape. Valid during the call only. */
-typedef struct ndl_mesh_change {
-    const int *removed, *created, *changed; /* tet slots */
-    int removed_count, created_count, changed_count;
-    const int *removed_nodes; /* slots not in use any more */
-    int removed_node_count;
-    const ndl_node_change *nodes;
-    int node_count;
-} ndl_mesh_change;
-
-/* Must not call back into the mesh. Runs after the change, with everything in place. A change of nothing at all says
- * that masses have changed. */
-typedef void (*ndl_mesh_listener)(void *user, const ndl_mesh_change *change);
-
-/* The mesh. Arrays are for reading: x, v, a, fixed flags and the listener are the caller's to set, all else changes
- * through the remesher. All arrays lie in one block with slack; it grows by half when a change needs more, which
- * moves the arrays. Slots of removed nodes and tets are used again, last removed first.
+/* ==== src/needle/topology.h ==== */
+/* topology: what a remesher knows of a body's tet4 mesh: rings, neighbours, qualities, and how it changes. Floor 6, internal.
  *
- * The tets of a node are a ring of corners: corner 4 t + c is node c of tet t.
- *
- *     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
- *         visit(k / 4);
- */
-typedef struct ndl_tissue_mesh {
-    int node_count, tet_count;       /* in use */
-    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
-    int node_capacity, tet_capacity;
-    int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
+ * Slots of nodes and tets are the body's. A change is made here first, while candidates are compared and undone; the
+ * remesher then hands it to the body as one change of its mesh. */
+#ifndef NDL_TOPOLOGY_H
+#define NDL_TOPOLOGY_H
 
-    /* nodes [node_end] */
-    sb_vec3 *X;                /* material position (m) */
-    sb_vec3 *X0;               /* material position in the undivided mesh; created nodes: where they were made */
-    sb_vec3 *x, *v, *a;        /* position (m), velocity (m/s), acceleration (m/s^2) */
-    sb_real *mass;             /* lumped: a quarter of the mass of each of its tets (kg) */
-    int *owner;                /* needle that the node is on or was made by, or -1 */
-    int *node_star;            /* first corner, or -1 */
-    unsigned char *node_flags; /* of ndl_node_flag; 0: not in use */
 
-    /* tets [tet_end] */
-    int *tets;        /* [4] nodes, positively oriented in the material; tets[4 t] < 0: not in use */
-    int *neighbours;  /* [4] tet across the face opposite node c, or -1 */
-    int *corner_next; /* [4] */
-    int *corner_prev; /* [4] */
-    int *regions;
-    sb_real *tet_density; /* kg/m^3: that of the region, but where a face between regions was moved: there, so that
-                           * the mass stays */
-    sb_real *volumes; /* in the material (m^3) */
-    sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
-
-    sb_real *densities; /* [density_count] kg/m^3 */
-    int density_count;
-
-    ndl_mesh_listener listener; /* or NULL */
-    void *listener_user;
-    sb_allocator allocator;
-
-    /* internal: free slots, displaced nodes and the change under way */
-    int free_node, free_tet;
-    int *displaced, *displaced_at, displaced_count;
-    int *node_index; /* a remesher's scratch, zeros between its calls */
-    unsigned char *tet_mark, *node_mark;
-    int *touched, touched_count, *affected, affected_count;
-    int *report; /* [2 tet_capacity + node_capacity] lists of the change */
-    ndl_node_change *changes;
-    sb_vec3 *change_state; /* [3] x, v, a of each */
-    int change_count;
-    sb_vec3 momentum, net_force; /* sums of m v and m a over the nodes of the change, before it */
-    sb_real change_mass; /* of the tets before the change */
-    void *block;
-} ndl_tissue_mesh;
-
-/* Makes the tissue from a tet4 mesh: numbering and orientation are kept, x = X, v = a = 0.
- * mesh: copied; sb_mesh_validate must accept it, and every node must belong to a tet; regions as they are
- * densities: [density_count] kg/m^3 > 0 by region, or one for all
- * slack: share of nodes and tets to have in reserve, >= 0
- * *tissue is overwritten. SB_ERROR_ARGUMENT (also for regions without a density), _NOT_FINITE, _INDEX, _MESH, _MEMORY
- * leave it untouched. Release with ndl_tissue_mesh_free. O(nodes + tets). */
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
-                                         sb_real slack, const sb_allocator *allocator,
-                                         ndl_tissue_mesh *tissue, sb_error *error);
-/* Safe on {0} and on NULL. */
-NDL_API void ndl_tissue_mesh_free(ndl_tissue_mesh *tissue);
-
-/* Tet that holds a point: a walk from `start` (any tet in use) through the faces the point lies behind, in the
- * material (positions = tissue->X) or in space (tissue->x). Returns the tet and its barycentric weights, all >= 0 but
- * for rounding; or -1 when the walk ends at the tissue's surface: then *weights are of the last tet, stretched beyond
- * it. weights: [4], may be NULL. -1 also for a start that is no tet, without weights. */
-NDL_API int ndl_tissue_mesh_find(const ndl_tissue_mesh *tissue, const sb_vec3 *positions, sb_vec3 point, int start,
-                                 sb_real weights[4]);
-
-/* Where a segment enters the tissue. */
+/* Where a segment enters a body. */
 typedef struct ndl_surface_hit {
-    int tet, face;  /* face opposite node `face` of the tet */
-    sb_real along;  /* 0 at `from`, 1 at `to` */
-    sb_vec3 X;      /* material position of the point (m) */
+    int tet, face; /* face opposite node `face` of the tet (a cell of the body) */
+    sb_real along; /* 0 at `from`, 1 at `to` */
+    sb_vec3 X;     /* material position of the point (m) */
 } ndl_surface_hit;
-/* First surface face that the segment crosses from outside in space; 0 and *hit untouched when there is none.
- * O(tets): for a needle that is not in the tissue yet. */
-NDL_API int ndl_tissue_mesh_hit(const ndl_tissue_mesh *tissue, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
-
-/* How good the material mesh is; any place may be NULL. Angles in degrees. O(tets). */
-NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *worst_quality, sb_real *min_dihedral,
-                                     sb_real *max_dihedral);
-/* Sums over all tets and nodes (m^3, kg). O(tets). */
-NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue);
-NDL_API sb_real ndl_tissue_mesh_mass(const ndl_tissue_mesh *tissue);
-/* Whether every index, ring, neighbour and mark is consistent: for tests. SB_ERROR_MESH names the first fault. */
-NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error *error);
-/* 1 when all nodes, tets and positions are those of the mesh it was made from, number by number. */
-NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 
 
-#endif /* NDL_TISSUE_MESH_H */
+#endif /* NDL_TOPOLOGY_H */
 
 /* ==== src/needle/remesh.h ==== */
 /* remesh: keeps a node of the tissue at the tip of every needle, and a path of edges along what is inserted. Floor 6.
@@ -740,8 +590,8 @@ NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue);
 
 
 /* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
- * pass them: the volume of each region is not kept, that of the tissue and its mass are; all of it is undone at the
- * end. */
+ * pass them: the volume of each region is not kept, nor, where densities differ, the mass of the body; all of it is undone
+ * at the end. */
 typedef enum ndl_interface_rule {
     NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
                                    * behind one has flat tets about it, as just below the skin */
@@ -750,7 +600,7 @@ typedef enum ndl_interface_rule {
 
 /* How to remesh. Start from ndl_default_remesh_def(). */
 typedef struct ndl_remesh_def {
-    ndl_tissue_mesh *tissue;  /* borrowed; outlives the remesher */
+    sb_body *body;            /* of tet4, borrowed; outlives the remesher. Its mesh changes from then on */
     int max_needles;          /* >= 1; needles are numbered from 0. Default 4 */
     ndl_interface_rule interfaces; /* default NDL_INTERFACE_MOVE */
     sb_real smooth_below;     /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
@@ -791,10 +641,15 @@ typedef struct ndl_remesh_info {
     sb_vec3 X;               /* where the tip is in the material (m) */
 } ndl_remesh_info;
 
-/* SB_ERROR_ARGUMENT (field named), _MEMORY leave *remesh untouched. Uses of the tissue by several remeshers at a time
- * are not foreseen. */
+/* SB_ERROR_ARGUMENT (field named; the body has a remesher already), _UNSUPPORTED (elements other than SB_TET4; def.slack was
+ * 0), _MEMORY leave *remesh untouched. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE).
+ *
+ * From now on the remesher is part of the body's saved state, its hash and its recording: sb_body_state_load asks for a body
+ * with a remesher of the same def, and brings needles, splits and what is needed to undo them back to the last bit. A
+ * recording of the body holds the calls below; it is played on a body with such a remesher. Make remeshers before a
+ * recording is started, and destroy them after it has been stopped: what follows otherwise is refused when it is played. */
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
-/* Leaves the tissue as it is. Safe on NULL. */
+/* Leaves the body as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
 
 /* Takes the memory that a needle of up to so many nodes in the tissue usually needs, so that calls ask for none while the
@@ -804,8 +659,8 @@ NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, 
 /* In all calls `needle` is in [0, max_needles) (SB_ERROR_INDEX) and `info` and `error` may be NULL. Each operation
  * happens as a whole or, when the call fails at it, not at all: SB_ERROR_MEMORY; SB_ERROR_NOT_FINITE;
  * SB_ERROR_ARGUMENT, a needle that is (not) in the tissue; SB_ERROR_MESH, no operation leaves sound tets: the step is
- * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle. Memory is only asked for
- * when slack is used up. */
+ * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle; and what the body or those that
+ * follow its mesh refuse (see sb_body_change_commit). */
 
 /* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it goes
  * deeper. The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies on them or
@@ -820,8 +675,8 @@ NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error);
 /* The needle leaves: its nodes are released and its splits undone. When no other needle is in, the mesh is the
- * original one, number by number and place by place; else what a near needle prevents follows later. No failure but
- * SB_ERROR_INDEX; does nothing for a needle that is not in. */
+ * original one, number by number and place by place; else what a near needle prevents follows later. Where the body refuses
+ * (SB_ERROR_MEMORY) it stays in. Does nothing for a needle that is not in. */
 NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error);
 
 /* Nodes of the needle in the tissue, entry first, tip last; consecutive ones are joined by an edge. NULL and 0 when it
@@ -832,140 +687,30 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle);
 /* Material position of a point in space, looked for from the tip; 0 when it is outside (*X is then the continuation of
  * the nearest tet's map), else 1. */
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X);
+/* First face of the body's surface that the segment crosses from outside in space (m); 0 and *hit untouched when there is
+ * none. O(tets): for a needle that is not in yet. */
+NDL_API int ndl_remesh_hit(const ndl_remesh *remesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
 /* Splits not undone yet. */
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
+/* How good the mesh is in the material; any place may be NULL. Quality: 6 sqrt(2) V / l_rms^3, 1 for the regular tet; angles
+ * in degrees. O(tets). */
+NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
+                                sb_real *max_dihedral);
+/* positions[nodes of the mesh that the remesher was made on] (m): where the material is now that was at those nodes. Once
+ * nodes have moved in the material these are not the nodes' positions (sb_body_positions), and they alone are what an
+ * sb_embedding or sb_embedding_mapping of that mesh goes by (sb_embedding_update, sb_embedding_forces): with those of the
+ * body it would be wrong by millimetres. As long as no node is moved both are the same bits. Allocates nothing; cost: of a
+ * copy and, per node moved, of a walk through the mesh. SB_ERROR_ARGUMENT for NULL; SB_ERROR_STATE when others have
+ * changed the mesh since the last step. */
+NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions);
+/* 1 when the mesh is the one that the remesher was made on, number by number and place by place. */
+NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh);
+/* Whether what the remesher knows of the mesh is consistent and the body's: for tests. SB_ERROR_MESH names the first
+ * fault. */
+NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error);
 
 
 #endif /* NDL_REMESH_H */
-
-/* ==== src/needle/tissue.h ==== */
-/* tissue: the dynamics of the tissue that needles work in: corotated linear tets whose mesh changes while it moves.
- * Floor 6. */
-#ifndef NDL_TISSUE_H
-#define NDL_TISSUE_H
-
-
-/* What a region is made of. */
-typedef struct ndl_tissue_material {
-    sb_real young;   /* Pa, > 0 */
-    sb_real poisson; /* in (-1, 0.5); tet4 lock above 0.35, see sb_check_report */
-    sb_real density; /* kg/m^3, > 0 */
-} ndl_tissue_material;
-
-typedef enum ndl_integrator {
-    NDL_NEWMARK = 1, /* average acceleration (beta 1/4, gamma 1/2): second order */
-    NDL_EULER = 2    /* implicit Euler: first order, damps */
-} ndl_integrator;
-
-/* What a tissue is made from. Start from ndl_default_tissue_def(), set mesh and materials. */
-typedef struct ndl_tissue_def {
-    const sb_mesh *mesh;                  /* tet4 (m); copied */
-    const ndl_tissue_material *materials; /* [material_count] by region, or one for all; copied */
-    int material_count;
-    const int *fixed_nodes;   /* [fixed_count] or NULL: held where they are; see ndl_tissue_fix */
-    int fixed_count;
-    ndl_integrator integrator; /* default NDL_NEWMARK */
-    sb_real damping_mass;      /* Rayleigh alpha (1/s), >= 0; default 0 */
-    sb_real damping_stiffness; /* Rayleigh beta (s), >= 0; default 0.005: Newmark needs some in large motions */
-    sb_vec3 gravity;           /* m/s^2; default 0 */
-    sb_real slack;             /* share of nodes and tets to have in reserve, in [0, 1000]; default 0.2 */
-    sb_real lazy_angle;        /* a tet's stiffness is turned when its rotation is further than this from the one it
-                                * has (|R - R_old|, about the angle in rad), in [0, 1]: the tangent is then wrong by a
-                                * share of 2 lazy_angle at most, forces are exact. Default 0.01; 0: every step */
-    sb_real tolerance;         /* of a step's solve: sqrt(r.M^-1 r) relative to its start, in (0, 1); default 1e-4 */
-    int max_iterations;        /* of a step's solve, >= 1; default 200 */
-    sb_allocator allocator;    /* default malloc */
-    sb_jobs jobs;              /* default inline; the bits do not depend on it */
-    sb_clock clock;            /* for ndl_tissue_info's times; default NULL */
-    unsigned cookie;           /* set by ndl_default_tissue_def */
-} ndl_tissue_def;
-
-NDL_API ndl_tissue_def ndl_default_tissue_def(void);
-
-/* Functions that return an sb_result refuse a NULL tissue; the others need one. */
-typedef struct ndl_tissue ndl_tissue;
-
-/* What a step did. */
-typedef struct ndl_tissue_info {
-    int iterations;        /* of the linear solve */
-    sb_real residual;      /* sqrt(r.M^-1 r) relative to its start */
-    int capped;            /* 1: max_iterations ended the solve, whose result was taken */
-    int refreshed;         /* tets whose stiffness was turned, or is new */
-    int coarse_refreshed;  /* 1: the preconditioner's coarse matrix was made anew: every ten steps, and when dt,
-                            * damping or supports change */
-    int calmed;            /* 1: the energy had grown by more than came in, and the step was one of Euler */
-    double seconds_force;  /* with a clock, otherwise 0: rotations and forces, */
-    double seconds_matrix; /* stiffness, right-hand side and preconditioner, */
-    double seconds_solve;  /* conjugate gradients, */
-    double seconds_total;  /* and the whole call */
-} ndl_tissue_info;
-
-/* A tissue at rest in the mesh's shape. All memory that stepping needs is taken here; later only changes of the mesh
- * ask for more, when slack is used up. On failure *tissue is untouched: SB_ERROR_ARGUMENT (field named), _MATERIAL
- * (region named), _INDEX (fixed node), _NOT_FINITE, _MESH, _MEMORY. */
-NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error);
-NDL_API void ndl_tissue_destroy(ndl_tissue *tissue); /* NULL is fine */
-
-/* The mesh, for a remesher and for reading. x, v and a may be set between steps; fixed flags and the listener are the
- * tissue's. Valid until the tissue is destroyed. */
-NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue);
-
-/* ---- supports and loads: stay until changed ----
- * node: a slot in use (SB_ERROR_INDEX). SB_ERROR_NOT_FINITE and SB_ERROR_ARGUMENT change nothing either. What is said
- * of a node that a split made is forgotten when the split is undone. */
-
-/* Holds the node where it is; remeshing then leaves it where it is in the material, too. */
-NDL_API sb_result ndl_tissue_fix(ndl_tissue *tissue, int node);
-/* Holds the node, and takes it to `position` (m) in the next step, where it has `velocity` (m/s) at the end; NULL: the
- * mean velocity of its way there. After that step it rests there. */
-NDL_API sb_result ndl_tissue_prescribe(ndl_tissue *tissue, int node, sb_vec3 position, const sb_vec3 *velocity);
-NDL_API sb_result ndl_tissue_release(ndl_tissue *tissue, int node);
-NDL_API int ndl_tissue_is_held(const ndl_tissue *tissue, int node); /* 0 also when there is no such node */
-/* Dead force (N); it replaces the one before. */
-NDL_API sb_result ndl_tissue_set_force(ndl_tissue *tissue, int node, sb_vec3 force);
-NDL_API sb_result ndl_tissue_set_gravity(ndl_tissue *tissue, sb_vec3 gravity);
-NDL_API sb_result ndl_tissue_set_damping(ndl_tissue *tissue, sb_real alpha, sb_real beta);
-/* Young's modulus and Poisson's ratio of a region (0 where one material is for all); density cannot change. */
-NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_real young, sb_real poisson,
-                                          sb_error *error);
-
-/* ---- stepping ---- */
-
-/* Advances by dt (s, > 0): one linear system, solved for accelerations a',
- *     A a' = f(x, v) - K (dt v + dt^2 (1/2 - beta) a) - C dt (1 - gamma) a,   A = M + beta dt^2 K + gamma dt C,
- * with lumped M, K = R K0 R^T (the corotated tangent without the change of R) and C = alpha M + beta_s K; Euler has
- * beta = gamma = 1 and no dt^2 (1/2 - beta) a. Held nodes reach their places exactly.
- * Linearised steps of Newmark may make energy in large motions. A ledger of energy and work sees to that: when there
- * is a tenth more than came in, a step is done by Euler, which damps (info->calmed).
- * Solved by conjugate gradients with 3x3 blocks and a coarse space of 6 rigid modes per about 64 nodes.
- * info may be NULL. Failures: SB_ERROR_ARGUMENT; SB_ERROR_MEMORY, a change of the mesh found no memory for the matrix
- * and there still is none; SB_ERROR_DIVERGED, something is not finite (node named). Then positions, velocities and
- * accelerations are as before, and the tissue can go on. Allocates nothing but after such a change. */
-NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error);
-
-/* ---- readings: no allocation ----
- * Arrays are by node slot, [mesh->node_end], of nodes in use; valid until the mesh next changes. */
-NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue);  /* m */
-/* positions[nodes of the def's mesh] (m): where the material is now that was at those nodes. Once needles or a remesher
- * have moved nodes in the material these are not the nodes' positions, and they alone are what an sb_embedding or
- * sb_embedding_mapping of the def's mesh goes by (sb_embedding_update, sb_embedding_forces): with ndl_tissue_positions
- * it would be wrong by millimetres, and nothing could tell. As long as no node is moved both are the same bits.
- * SB_ERROR_ARGUMENT for NULL. Cost: of a copy and, per node moved, of a walk through the mesh. */
-NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions);
-NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue); /* m/s */
-/* Force (N) of the supports on the tissue at the end of the last step, 0 on free nodes: with gravity and forces the
- * rate of momentum. */
-NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue);
-typedef struct ndl_tissue_energies {
-    sb_real elastic; /* J */
-    sb_real kinetic; /* J */
-} ndl_tissue_energies;
-NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue);
-NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue); /* kg m/s */
-/* Block (i, j) of the stiffness matrix K (N/m), as the last step used it; zeros where there is none. */
-NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j);
-
-#endif /* NDL_TISSUE_H */
 
 /* ==== src/needle/steer.h ==== */
 /* steer: where a bevelled needle goes, plans of helices to a target past obstacles, a controller that follows them, and
@@ -1282,16 +1027,16 @@ typedef struct ndl_couple_info {
  * slips, and the tissue's mesh follows. Floor 6. Chapters 7 to 10 of Chentanez 2010.
  *
  *     ndl_needle_def def = ndl_default_needle_def();
- *     def.tissue = tissue;
+ *     def.body = body;
  *     def.base = sb_v3(0, 0, 0.1), def.direction = sb_v3(0, 0, -1);
  *     ndl_needle_create(&def, &needle, &error);
  *     command.insertion = 0.01;                                    (1 cm/s)
- *     ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error); */
+ *     ndl_step(body, &needle, 1, 0.02, &command, &info, &error); */
 #ifndef NDL_NEEDLE_H
 #define NDL_NEEDLE_H
 
 
-enum { NDL_MAX_NEEDLES = 16 }; /* in one tissue */
+enum { NDL_MAX_NEEDLES = 16 }; /* in one body */
 
 typedef struct ndl_needle ndl_needle;
 
@@ -1321,9 +1066,10 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* ---- creation ---- */
 
-/* What a needle is made from. Start from ndl_default_needle_def(), set tissue, base and direction. */
+/* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    ndl_tissue *tissue;     /* borrowed; destroyed after its needles */
+    sb_body *body;          /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
+                             * material, supports, loads and integrator are its own: see ndl_step */
     sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
     sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
     sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
@@ -1358,9 +1104,15 @@ typedef struct ndl_needle_def {
 
 NDL_API ndl_needle_def ndl_default_needle_def(void);
 
-/* A needle at rest, at its tissue from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
+/* A needle at rest, at its body from then on. *needle is untouched on failure: SB_ERROR_ARGUMENT (field named; a tip
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
- * _UNSUPPORTED (NDL_MAX_NEEDLES are there), _MEMORY. */
+ * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY.
+ *
+ * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in mid-insertion
+ * too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same order, wherever they
+ * are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is played on such a body. Make
+ * needles before a recording is started, and destroy them after it has been stopped: what follows otherwise is refused when
+ * it is played. A `cutting` of your own is not saved: both must do the same. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
@@ -1396,22 +1148,28 @@ typedef struct ndl_step_info {
     int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
                             * else could be computed */
     int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
-    ndl_tissue_info tissue; /* of the last substep; iterations, residual and seconds_solve are 0 */
-    double seconds_tissue; /* with the tissue's clock, else 0: forces and matrix of the tissue, */
+    sb_step_info body;     /* of the last substep */
+    double seconds_body;   /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */
     double seconds_needle; /* sleeves, frames and nodes of the needles, */
     double seconds_remesh; /* remeshing with its changes of the matrix, */
     double seconds_total;  /* and the whole call */
 } ndl_step_info;
 
-/* Advances a tissue and all its needles by dt (s, > 0).
- * needles: [count], each needle of the tissue once, in any order; commands: [count] beside them, or NULL: zeros
+/* Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.
+ * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
  * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
  * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said); SB_ERROR_DIVERGED (node named); SB_ERROR_MEMORY.
- * Allocates nothing but where the mesh has grown beyond its slack. One linear system for tissue, needles and friction
- * (see couple.h), solved to the tissue's tolerance; needles by implicit Euler, the tissue by its own integrator. */
-NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+ * are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ *
+ * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its tolerance:
+ * one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are stepped by
+ * implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0, which is of
+ * second order, let the force on the base settle at once when the needle stops; others do not damp the motion that friction
+ * leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20 ms): half a second after the stop
+ * the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5 mN, without damping_stiffness by 0.34 N;
+ * with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while the needle moves (0.007 N with 0). */
+NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 
 /* ---- readings: no allocation ---- */
@@ -1428,7 +1186,10 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 /* First node of the rod in the tissue; the rod's node_count when it is outside. */
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
-NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node);
+NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
+/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone with the
+ * body's last needle. */
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
 NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node);
@@ -1444,58 +1205,159 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
 
 #endif /* NDL_NEEDLE_H */
 
-/* ==== src/needle/state.h ==== */
-/* state: saves what a tissue, a remesher or a rod is at, and brings it back to the last bit. Floor 6. */
-#ifndef NDL_STATE_H
-#define NDL_STATE_H
+/* ==== src/needle/rod_state.h ==== */
+/* rod_state: saves what a rod is at, and brings it back to the last bit. Floor 6. */
+#ifndef NDL_ROD_STATE_H
+#define NDL_ROD_STATE_H
 
 
-/* A saved state holds all that steps, setters and remeshing change: mesh and motion, supports and loads, materials,
- * damping, rotations and their lag, the preconditioner that is not made anew in every step, energy ledgers. What
- * follows a load is what followed the save, bit for bit, whatever has been split, mended or grown in between, and also
- * in another object, process or machine with the same order of bytes. A state is loaded into an object that was made
- * from the same mesh and the same def, in the same precision; allocator, jobs, clock and slack may differ.
+/* For rods that are stepped by themselves: a needle's is part of its body's state (sb_body_state_save).
  *
- * A remesher's state belongs with that of the tissue whose mesh it changes: save both at the same time, and load the
- * tissue first. A remesher refuses a state that was saved with another mesh than its tissue now has.
+ * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for bit,
+ * also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the same def,
+ * in the same precision; capacity and allocator may differ.
  *
- * What an ndl_needle is at is not saved: a tissue with needles, in it or outside, refuses both save and load. Save
- * before the first needle is made or after the last one is destroyed; a step that fails needs no state to go back to.
- *
- * size: bytes that save writes for the object as it is; splits make it grow. save: size must be at least that, what is
- * behind stays; nothing that a step could notice changes, nothing is allocated. load: size may be larger than what was
- * saved. Buffers need no alignment. Cost of each: proportional to the object.
+ * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing that a
+ * step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates nothing. Buffers
+ * need no alignment.
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
- * SB_ERROR_FORMAT (no state of this kind, cut short, damaged, an index or value out of its range);
- * SB_ERROR_UNSUPPORTED (other version, precision or order of bytes; a tissue with needles); SB_ERROR_STATE (another
- * object's, or a remesher's that does not fit its tissue); SB_ERROR_NOT_FINITE; SB_ERROR_MEMORY: loading needs more
- * room than the allocator gives, or, at a save, a change of the mesh found no memory for the matrix and no step has
- * made it up yet. A load allocates where the object has less room than the state needs; a remesher's takes a copy of
- * the topology for the time of the call, on which it undoes all splits before it trusts them. */
-NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue);
-NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error);
-NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error);
-
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh);
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error);
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error);
-
+ * SB_ERROR_FORMAT (no saved rod, cut short, damaged, a count out of its range); SB_ERROR_UNSUPPORTED (other version,
+ * precision or order of bytes); SB_ERROR_STATE (another def's, or more nodes than there is room for);
+ * SB_ERROR_NOT_FINITE. */
 NDL_API size_t ndl_rod_state_size(const ndl_rod *rod);
 NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error);
 NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error);
 
 
-#endif /* NDL_STATE_H */
+#endif /* NDL_ROD_STATE_H */
 
 #endif /* NEEDLE_H */
 
 #if defined(NDL_IMPLEMENTATION) && !defined(NDL_IMPLEMENTATION_DONE)
 #define NDL_IMPLEMENTATION_DONE
 
-/* ==== src/needle/tissue_mesh.h, internal ==== */
+/* ==== src/needle/topology.h, internal ==== */
+struct ndli_image;
+
+/* What a node is; flags of ndli_topology.node_flags. */
+enum {
+    NDLI_NODE_ALIVE = 1,     /* the slot holds a node */
+    NDLI_NODE_BOUNDARY = 2,  /* on the body's surface */
+    NDLI_NODE_INTERFACE = 4, /* between regions */
+    NDLI_NODE_FIXED = 8,     /* supported: stays where it is in the material */
+    NDLI_NODE_CREATED = 16,  /* made by a split: has no place of its own in the undivided mesh */
+    NDLI_NODE_NEEDLE = 32    /* on a needle now */
+};
+
+/* A node that a change made or moved: the old fields at four old nodes, times the weights, give its new ones. */
+typedef struct ndli_node_change {
+    int node;
+    int created; /* 1: a new node (its slot may have held another); 0: moved */
+    int sources[4];
+    sb_real weights[4];
+    sb_vec3 X; /* its material position (m) */
+} ndli_node_change;
+
+/* A slot of a node that came into use, or (~node) went out of it, and what was known of the node before. */
+typedef struct ndli_node_event {
+    int node, owner;
+    unsigned char flags;
+    sb_vec3 X0;
+} ndli_node_event;
+
+/* What one change did, in the order in which it was done: slots are given and taken in that order. Valid until the next
+ * change. */
+typedef struct ndli_topology_change {
+    const ndli_node_event *node_events;
+    const int *tet_events; /* a slot that came into use, or ~slot of one that went */
+    int node_event_count, tet_event_count;
+    const int *changed; /* tets that stay in their slots with other nodes or, where a node moved, another shape */
+    int changed_count;
+    const ndli_node_change *nodes; /* in the order of the nodes that came, moved ones between them */
+    int node_count;
+} ndli_topology_change;
+
+/* Arrays are for reading, but for the flag of fixed nodes. All lie in one block with slack; it grows by half when a change
+ * needs more, which moves them. Slots of removed nodes and tets are used again, last removed first.
+ *
+ * The tets of a node are a ring of corners: corner 4 t + c is node c of tet t.
+ *
+ *     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
+ *         visit(k / 4);
+ */
+typedef struct ndli_topology {
+    int node_count, tet_count;       /* in use */
+    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
+    int node_capacity, tet_capacity;
+    int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
+
+    /* nodes [node_end] */
+    sb_vec3 *X;                /* material position (m) */
+    sb_vec3 *X0;               /* material position in the undivided mesh; created nodes: where they were made */
+    const sb_vec3 *x;          /* position (m): the body's, borrowed anew after each change and before each step */
+    int *owner;                /* needle that the node is on or was made by, or -1 */
+    int *node_star;            /* first corner, or -1 */
+    unsigned char *node_flags; /* NDLI_NODE_...; 0: not in use */
+
+    /* tets [tet_end] */
+    int *tets;        /* [4] nodes, positively oriented in the material; tets[4 t] < 0: not in use */
+    int *neighbours;  /* [4] tet across the face opposite node c, or -1 */
+    int *corner_next; /* [4] */
+    int *corner_prev; /* [4] */
+    int *regions;
+    int *parents;     /* tet that it was cut from last, for a tet made by a change; else itself */
+    sb_real *volumes; /* in the material (m^3) */
+    sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
+
+    sb_allocator allocator;
+
+    /* free slots, displaced nodes and the change under way */
+    int free_node, free_tet;
+    int *displaced, *displaced_at, displaced_count;
+    int *node_index; /* a remesher's scratch, zeros between its calls */
+    unsigned char *tet_mark, *node_mark;
+    int *touched, touched_count, *affected, affected_count;
+    int *displaced_before, displaced_before_count; /* at the begin of the change */
+    ndli_node_event *node_events; /* [2 node_capacity] */
+    int node_event_count;
+    int *tet_events, tet_event_count;   /* [2 tet_capacity] */
+    int *changed;                       /* [tet_capacity] */
+    ndli_node_change *changes;
+    int change_count;
+    void *block;
+} ndli_topology;
+
+/* Becomes the body's mesh, with nothing known of needles: all nodes are at their own places. Its allocator must be set. 0: no
+ * memory, nothing changed. O(nodes + tets). */
+NDLI_API int ndli_topology_read(ndli_topology *mesh, const sb_body *body);
+/* The same where the body's mesh is one that it has known: keeps X0, owners and flags; there is room. */
+NDLI_API void ndli_topology_read_again(ndli_topology *mesh, const sb_body *body);
+/* To be called once the body has moved: borrows its positions, and sees which nodes are supported. */
+NDLI_API void ndli_topology_look(ndli_topology *mesh, const sb_body *body);
+/* Safe on {0} and on NULL. */
+NDLI_API void ndli_topology_free(ndli_topology *mesh);
+
+/* Tet that holds a point: a walk from `start` (any tet in use) through the faces the point lies behind, in the material
+ * (positions = mesh->X) or in space (the body's). Returns the tet and its barycentric weights, all >= 0 but for rounding;
+ * or -1 when the walk ends at the surface: then *weights are of the last tet, stretched beyond it. weights: [4], may be
+ * NULL. -1 also for a start that is no tet, without weights. */
+NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
+                                sb_real weights[4]);
+/* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
+ * there is none. O(tets): for a needle that is not in yet. */
+NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
+
+/* How good the material mesh is; any place may be NULL. Angles in degrees. O(tets). */
+NDLI_API void ndli_topology_quality(const ndli_topology *mesh, sb_real *worst_quality, sb_real *min_dihedral,
+                                    sb_real *max_dihedral);
+/* Whether every index, ring, neighbour and mark is consistent. SB_ERROR_MESH names the first fault. */
+NDLI_API sb_result ndli_topology_check(const ndli_topology *mesh, sb_error *error);
+/* 1 when all nodes, tets and positions are those of the mesh it was made from, number by number. */
+NDLI_API int ndli_topology_is_original(const ndli_topology *mesh);
+
 /* Quality of a tet by its corners. Inline: thousands of them decide one operation. */
-SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
+SB_INLINE sb_real ndli_tet_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
 {
     sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
     sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
@@ -1504,31 +1366,56 @@ SB_INLINE sb_real ndli_tissue_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d
                     sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
     return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
 }
-NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
+NDLI_API void ndli_tet_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
 /* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by rounding:
  * the best tet about the start, its weights cut off. */
-NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *tissue, sb_vec3 X, int start, sb_real weights[4]);
+NDLI_API int ndli_topology_source(const ndli_topology *mesh, sb_vec3 X, int start, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
-NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets);
+NDLI_API int ndli_topology_reserve(ndli_topology *mesh, int nodes, int tets);
 
 /* A change: begin; plan every node to be made or moved, while the old mesh still stands; cut, mend, move; end. What it
  * needs must have been reserved: none of this can fail. */
-NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue);
+NDLI_API void ndli_topology_begin(ndli_topology *mesh);
 /* node -1: to be made. Returns the number of the plan. */
-NDLI_API int ndli_tissue_plan(ndl_tissue_mesh *tissue, int node, sb_vec3 X, int start);
+NDLI_API int ndli_topology_plan(ndli_topology *mesh, int node, sb_vec3 X, int start);
 /* Replaces every tet that holds the simplex by `size` ones with the planned node in place of one corner each. groups
  * receives the tets' slots, `size` per tet cut. Returns the number of tets cut. */
-NDLI_API int ndli_tissue_cut(ndl_tissue_mesh *tissue, const int *simplex, int size, int plan, int *groups);
+NDLI_API int ndli_topology_cut(ndli_topology *mesh, const int *simplex, int size, int plan, int *groups);
 /* The way back: takes the node out. */
-NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *simplex, int size, const int *groups,
-                               int count);
-NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan);
-NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue);
-/* All densities those of the regions again, once all is in its place. */
-NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue);
+NDLI_API void ndli_topology_mend(ndli_topology *mesh, int node, const int *simplex, int size, const int *groups,
+                                 int count);
+NDLI_API void ndli_topology_move(ndli_topology *mesh, int plan);
+NDLI_API void ndli_topology_end(ndli_topology *mesh, ndli_topology_change *change);
+/* After the end: the body has refused the change, and all is as it was at the begin. O(nodes + tets). */
+NDLI_API void ndli_topology_take_back(ndli_topology *mesh, const sb_body *body);
+
+/* What the body's mesh does not say, for undo and saved states: measures, writes or reads. counts: NDLI_TOPOLOGY_COUNTS ints
+ * that ndli_topology_counts gives; when reading, the image's. */
+enum { NDLI_TOPOLOGY_COUNTS = 4 };
+NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts);
+NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, struct ndli_image *image);
+/* After reading, and once the body has the mesh that goes with it. */
+NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const sb_body *body);
+/* Whether what ndli_topology_walk wrote to `in` for these counts (counts[0] <= node_end, counts[1] <= counts[0]) goes with
+ * this mesh; owners below max_owner. SB_ERROR_FORMAT, SB_ERROR_NOT_FINITE. */
+NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
+                                              int max_owner, sb_error *error);
+/* The tet with the lowest slot that has both nodes, or -1. */
+NDLI_API int ndli_topology_first_tet(const ndli_topology *mesh, int i, int j);
 
 /* ==== src/needle/remesh.h, internal ==== */
 #define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
+/* What the remesher knows of the mesh; it stays where it is. */
+NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh);
+/* To be called before positions are read through it, once the body has moved; supports that are new are seen, too. Where the
+ * body has got another mesh that is read, and no needle is in it: SB_ERROR_MEMORY. */
+NDLI_API sb_result ndli_remesh_look(ndl_remesh *remesh, sb_error *error);
+/* 1: the body has got another mesh since. */
+NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh);
+/* 1: what changes the body's mesh until it is 0 again is the remesher's own. */
+NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own);
+/* Withdraws the needle, and where the body refuses that leaves its splits in the mesh. */
+NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle);
 /* ndl_remesh_puncture with another entry_slip than the remesher's. */
 NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, sb_real slip,
                                                ndl_remesh_info *info, sb_error *error);
@@ -1537,22 +1424,28 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info);
 
-/* ==== src/needle/state.h, internal ==== */
-/* ---- internal: undo ----
- * The same without checks: into memory of at least the snapshot's size that is aligned for a double, and back into the
- * object it is from. Restoring cannot fail and allocates nothing that it could not do without. */
-NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t);
-NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t); /* most, while the mesh keeps to its slack */
-/* 0: the tissue waits for memory after a change of its mesh, and there is none: SB_ERROR_MEMORY for the caller. */
-NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer);
-NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer);
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r);
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r); /* most, while the needles keep to what was reserved */
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer);
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer);
+/* ---- remesh_state.c ----
+ * Undo: into memory of at least the snapshot's size, and back into the remesher it is from, once the body is back. */
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *remesh);
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *remesh); /* most, while the needles keep to what was reserved */
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *remesh, void *buffer);
+NDLI_API void ndli_remesh_rewind(ndl_remesh *remesh, const void *buffer);
+/* Between the check of a saved state and its load or refusal: the nodes that the needle has in it, as of ndl_remesh_nodes. */
+NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count);
+
+/* ==== src/needle/rod_state.h, internal ==== */
+struct sbi_state_out;
+
+/* ---- internal: for undo and for the state of a body ----
+ * The same without checks; restoring cannot fail. */
 NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count); /* when it has so many nodes */
 NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer);
 NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer);
+/* The snapshot as part of a state. */
+NDLI_API void ndli_rod_put(const ndl_rod *rod, struct sbi_state_out *out);
+/* Whether in[size] begins with a snapshot that the rod may rewind to; used, nodes: its bytes and nodes. */
+NDLI_API sb_result ndli_rod_check(const ndl_rod *rod, const unsigned char *in, size_t size, size_t *used, int *nodes,
+                                  sb_error *error);
 
 /* ==== src/needle/real3.h ==== */
 /* real3: 3-vectors and 3x3 matrices of double, for rods. Floor 6, internal. A rod is a million times stiffer along
@@ -1714,10 +1607,11 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b);
 
 enum { NDLI_IMAGE_VERSION = 1, NDLI_IMAGE_ORDER = 0x01020304 };
 
-/* Neither in nor out: measures. */
+/* None of the three: measures. */
 typedef struct ndli_image {
     unsigned char *out;
     const unsigned char *in;
+    sbi_state_out *state; /* of a body that the object is a part of */
     size_t used;
     int overflow;
 } ndli_image;
@@ -1734,6 +1628,11 @@ SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, s
         return at;
     }
     room = ndli_image_room(bytes);
+    if (image->state) {
+        static const unsigned char zeros[8] = {0};
+        sbi_state_put(image->state, array, bytes);
+        sbi_state_put(image->state, zeros, room - bytes);
+    }
     if (image->in && bytes)
         memcpy(array, image->in + at, bytes);
     if (image->out) {
@@ -4851,26 +4750,22 @@ NDL_API sb_result ndl_rod_reparameterise(ndl_rod *rod, const sb_vec3 *positions,
     return SB_OK;
 }
 
-/* ==== src/needle/tissue_mesh.c ==== */
-/* tissue_mesh: rings of tets about nodes, cuts and their way back, walks, and what a change carries over.
+/* ==== src/needle/topology.c ==== */
+/* topology: rings of tets about nodes, cuts and their way back, walks.
  *
  * A ring of corners instead of lists of tets: joining and leaving cost O(1) and no memory, so only the arrays of nodes
- * and tets ever grow. Masses are summed afresh over the rings of a change instead of corrected, so that nothing drifts.
- */
+ * and tets ever grow. */
+
 
 #include <limits.h>
 #include <string.h>
 
 /* ---- memory ---- */
 
-static void ndli_tissue_layout(ndl_tissue_mesh *t, sbi_arena *arena, size_t nodes, size_t tets)
+static void ndli_topology_layout(ndli_topology *t, sbi_arena *arena, size_t nodes, size_t tets)
 {
     t->X = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
     t->X0 = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    t->x = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    t->v = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    t->a = (sb_vec3 *)sbi_arena_take(arena, nodes, sizeof(sb_vec3));
-    t->mass = (sb_real *)sbi_arena_take(arena, nodes, sizeof(sb_real));
     t->owner = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     t->node_star = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     t->displaced = (int *)sbi_arena_take(arena, nodes, sizeof(int));
@@ -4883,32 +4778,33 @@ static void ndli_tissue_layout(ndl_tissue_mesh *t, sbi_arena *arena, size_t node
     t->corner_next = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->corner_prev = (int *)sbi_arena_take(arena, tets, 4 * sizeof(int));
     t->regions = (int *)sbi_arena_take(arena, tets, sizeof(int));
-    t->tet_density = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
+    t->parents = (int *)sbi_arena_take(arena, tets, sizeof(int));
     t->volumes = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->qualities = (sb_real *)sbi_arena_take(arena, tets, sizeof(sb_real));
     t->tet_mark = (unsigned char *)sbi_arena_take(arena, tets, 1);
-    t->densities = (sb_real *)sbi_arena_take(arena, (size_t)t->density_count, sizeof(sb_real));
     t->touched = (int *)sbi_arena_take(arena, tets, sizeof(int));
     t->affected = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    t->report = (int *)sbi_arena_take(arena, 2 * tets + nodes, sizeof(int));
-    t->changes = (ndl_node_change *)sbi_arena_take(arena, nodes, sizeof(ndl_node_change));
-    t->change_state = (sb_vec3 *)sbi_arena_take(arena, nodes, 3 * sizeof(sb_vec3));
+    t->node_events = (ndli_node_event *)sbi_arena_take(arena, nodes, 2 * sizeof(ndli_node_event));
+    t->displaced_before = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    t->tet_events = (int *)sbi_arena_take(arena, tets, 2 * sizeof(int));
+    t->changed = (int *)sbi_arena_take(arena, tets, sizeof(int));
+    t->changes = (ndli_node_change *)sbi_arena_take(arena, nodes, sizeof(ndli_node_change));
 }
 
 /* Points the arrays into a fresh block of zeros for so many nodes and tets; 0: no memory, *t as it was. */
-static int ndli_tissue_allocate(ndl_tissue_mesh *t, int nodes, int tets)
+static int ndli_topology_allocate(ndli_topology *t, int nodes, int tets)
 {
-    ndl_tissue_mesh made = *t;
+    ndli_topology made = *t;
     sbi_arena arena;
     memset(&arena, 0, sizeof arena);
-    ndli_tissue_layout(&made, &arena, (size_t)nodes, (size_t)tets);
+    ndli_topology_layout(&made, &arena, (size_t)nodes, (size_t)tets);
     if (arena.overflow)
         return 0;
     arena.base = (unsigned char *)sbi_alloc_zeroed(&t->allocator, arena.used, 1);
     if (!arena.base)
         return 0;
     arena.used = 0;
-    ndli_tissue_layout(&made, &arena, (size_t)nodes, (size_t)tets);
+    ndli_topology_layout(&made, &arena, (size_t)nodes, (size_t)tets);
     made.block = arena.base;
     made.node_capacity = nodes;
     made.tet_capacity = tets;
@@ -4916,15 +4812,11 @@ static int ndli_tissue_allocate(ndl_tissue_mesh *t, int nodes, int tets)
     return 1;
 }
 
-static void ndli_tissue_copy_nodes(ndl_tissue_mesh *to, const ndl_tissue_mesh *from)
+static void ndli_topology_copy_nodes(ndli_topology *to, const ndli_topology *from)
 {
     size_t n = (size_t)from->node_end;
     memcpy(to->X, from->X, n * sizeof(sb_vec3));
     memcpy(to->X0, from->X0, n * sizeof(sb_vec3));
-    memcpy(to->x, from->x, n * sizeof(sb_vec3));
-    memcpy(to->v, from->v, n * sizeof(sb_vec3));
-    memcpy(to->a, from->a, n * sizeof(sb_vec3));
-    memcpy(to->mass, from->mass, n * sizeof(sb_real));
     memcpy(to->owner, from->owner, n * sizeof(int));
     memcpy(to->node_star, from->node_star, n * sizeof(int));
     memcpy(to->displaced, from->displaced, n * sizeof(int));
@@ -4932,7 +4824,7 @@ static void ndli_tissue_copy_nodes(ndl_tissue_mesh *to, const ndl_tissue_mesh *f
     memcpy(to->node_flags, from->node_flags, n);
 }
 
-static void ndli_tissue_copy_tets(ndl_tissue_mesh *to, const ndl_tissue_mesh *from)
+static void ndli_topology_copy_tets(ndli_topology *to, const ndli_topology *from)
 {
     size_t n = (size_t)from->tet_end;
     memcpy(to->tets, from->tets, 4 * n * sizeof(int));
@@ -4940,87 +4832,94 @@ static void ndli_tissue_copy_tets(ndl_tissue_mesh *to, const ndl_tissue_mesh *fr
     memcpy(to->corner_next, from->corner_next, 4 * n * sizeof(int));
     memcpy(to->corner_prev, from->corner_prev, 4 * n * sizeof(int));
     memcpy(to->regions, from->regions, n * sizeof(int));
-    memcpy(to->tet_density, from->tet_density, n * sizeof(sb_real));
+    memcpy(to->parents, from->parents, n * sizeof(int));
     memcpy(to->volumes, from->volumes, n * sizeof(sb_real));
     memcpy(to->qualities, from->qualities, n * sizeof(sb_real));
-    memcpy(to->densities, from->densities, (size_t)from->density_count * sizeof(sb_real));
 }
 
 /* end + more + half of it; INT_MAX / 8 at most, so that corners and lists of twice as many still fit an int. */
-static int ndli_tissue_grown(int end, int more)
+static int ndli_topology_grown(int end, int more)
 {
     int64_t need = (int64_t)end + more, roomy = need + need / 2;
     int64_t limit = INT_MAX / 8;
     return need > limit ? -1 : (int)(roomy < limit ? roomy : limit);
 }
 
-NDLI_API int ndli_tissue_reserve(ndl_tissue_mesh *tissue, int nodes, int tets)
+NDLI_API int ndli_topology_reserve(ndli_topology *mesh, int nodes, int tets)
 {
-    ndl_tissue_mesh grown = *tissue;
-    int node_capacity = tissue->node_capacity, tet_capacity = tissue->tet_capacity;
-    if (nodes <= tissue->node_capacity - tissue->node_count && tets <= tissue->tet_capacity - tissue->tet_count)
+    ndli_topology grown = *mesh;
+    int node_capacity = mesh->node_capacity, tet_capacity = mesh->tet_capacity;
+    if (nodes <= mesh->node_capacity - mesh->node_count && tets <= mesh->tet_capacity - mesh->tet_count)
         return 1;
-    if (nodes > tissue->node_capacity - tissue->node_count)
-        node_capacity = ndli_tissue_grown(tissue->node_end, nodes);
-    if (tets > tissue->tet_capacity - tissue->tet_count)
-        tet_capacity = ndli_tissue_grown(tissue->tet_end, tets);
-    if (node_capacity < 0 || tet_capacity < 0 || !ndli_tissue_allocate(&grown, node_capacity, tet_capacity))
+    if (nodes > mesh->node_capacity - mesh->node_count)
+        node_capacity = ndli_topology_grown(mesh->node_end, nodes);
+    if (tets > mesh->tet_capacity - mesh->tet_count)
+        tet_capacity = ndli_topology_grown(mesh->tet_end, tets);
+    if (node_capacity < 0 || tet_capacity < 0 || !ndli_topology_allocate(&grown, node_capacity, tet_capacity))
         return 0;
-    ndli_tissue_copy_nodes(&grown, tissue);
-    ndli_tissue_copy_tets(&grown, tissue);
-    sbi_free(&tissue->allocator, tissue->block);
-    *tissue = grown;
+    ndli_topology_copy_nodes(&grown, mesh);
+    ndli_topology_copy_tets(&grown, mesh);
+    sbi_free(&mesh->allocator, mesh->block);
+    *mesh = grown;
     return 1;
 }
 
-NDL_API void ndl_tissue_mesh_free(ndl_tissue_mesh *tissue)
+NDLI_API void ndli_topology_free(ndli_topology *mesh)
 {
     sb_allocator allocator;
-    if (!tissue)
+    if (!mesh)
         return;
-    allocator = tissue->allocator;
-    sbi_free(&allocator, tissue->block);
-    memset(tissue, 0, sizeof *tissue);
+    allocator = mesh->allocator;
+    sbi_free(&allocator, mesh->block);
+    memset(mesh, 0, sizeof *mesh);
 }
 
 /* ---- geometry ---- */
 
 /* Six times the volume. */
-static sb_real ndli_tissue_det(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
+static sb_real ndli_topology_det(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
 {
     return sb_v3_dot(sb_v3_sub(b, a), sb_v3_cross(sb_v3_sub(c, a), sb_v3_sub(d, a)));
 }
 
-NDLI_API void ndli_tissue_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4])
+NDLI_API void ndli_tet_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4])
 {
-    sb_real det = ndli_tissue_det(a, b, c, d);
-    weights[0] = ndli_tissue_det(p, b, c, d) / det;
-    weights[1] = ndli_tissue_det(a, p, c, d) / det;
-    weights[2] = ndli_tissue_det(a, b, p, d) / det;
-    weights[3] = ndli_tissue_det(a, b, c, p) / det;
+    sb_real det = ndli_topology_det(a, b, c, d);
+    weights[0] = ndli_topology_det(p, b, c, d) / det;
+    weights[1] = ndli_topology_det(a, p, c, d) / det;
+    weights[2] = ndli_topology_det(a, b, p, d) / det;
+    weights[3] = ndli_topology_det(a, b, c, p) / det;
 }
 
-static void ndli_tissue_measure(ndl_tissue_mesh *t, int tet)
+static void ndli_topology_measure(ndli_topology *t, int tet)
 {
     const int *n = t->tets + 4 * (size_t)tet;
-    t->volumes[tet] = ndli_tissue_det(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]]) / 6;
-    t->qualities[tet] = ndli_tissue_quality(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]]);
+    t->volumes[tet] = ndli_topology_det(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]]) / 6;
+    t->qualities[tet] = ndli_tet_quality(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]]);
 }
 
-/* ---- rings ---- */
+/* ---- rings ----
+ * Ascending, so that they are a function of the mesh alone: sums over them have the same bits whatever was done and undone. */
 
-static void ndli_tissue_join(ndl_tissue_mesh *t, int corner, int node)
+static void ndli_topology_join(ndli_topology *t, int corner, int node)
 {
-    int head = t->node_star[node];
+    int prev = -1, next = t->node_star[node];
+    while (next >= 0 && next < corner) {
+        prev = next;
+        next = t->corner_next[next];
+    }
     t->tets[corner] = node;
-    t->corner_next[corner] = head;
-    t->corner_prev[corner] = -1;
-    if (head >= 0)
-        t->corner_prev[head] = corner;
-    t->node_star[node] = corner;
+    t->corner_next[corner] = next;
+    t->corner_prev[corner] = prev;
+    if (next >= 0)
+        t->corner_prev[next] = corner;
+    if (prev >= 0)
+        t->corner_next[prev] = corner;
+    else
+        t->node_star[node] = corner;
 }
 
-static void ndli_tissue_leave(ndl_tissue_mesh *t, int corner)
+static void ndli_topology_leave(ndli_topology *t, int corner)
 {
     int next = t->corner_next[corner], prev = t->corner_prev[corner];
     if (prev >= 0)
@@ -5032,7 +4931,7 @@ static void ndli_tissue_leave(ndl_tissue_mesh *t, int corner)
 }
 
 /* 1 when the tet has all these nodes. */
-static int ndli_tissue_holds(const ndl_tissue_mesh *t, int tet, const int *nodes, int count)
+static int ndli_topology_holds(const ndli_topology *t, int tet, const int *nodes, int count)
 {
     const int *n = t->tets + 4 * (size_t)tet;
     for (int i = 0; i < count; i++)
@@ -5042,7 +4941,7 @@ static int ndli_tissue_holds(const ndl_tissue_mesh *t, int tet, const int *nodes
 }
 
 /* The nodes of the face opposite node `face`. */
-static void ndli_tissue_face(const ndl_tissue_mesh *t, int tet, int face, int nodes[3])
+static void ndli_topology_face(const ndli_topology *t, int tet, int face, int nodes[3])
 {
     for (int c = 0, k = 0; c < 4; c++)
         if (c != face)
@@ -5050,13 +4949,13 @@ static void ndli_tissue_face(const ndl_tissue_mesh *t, int tet, int face, int no
 }
 
 /* Finds the tet behind each face, and tells it. */
-static void ndli_tissue_link(ndl_tissue_mesh *t, int tet)
+static void ndli_topology_link(ndli_topology *t, int tet)
 {
     for (int face = 0; face < 4; face++) {
         int nodes[3], other = -1;
-        ndli_tissue_face(t, tet, face, nodes);
+        ndli_topology_face(t, tet, face, nodes);
         for (int k = t->node_star[nodes[0]]; k >= 0 && other < 0; k = t->corner_next[k])
-            if (k / 4 != tet && ndli_tissue_holds(t, k / 4, nodes + 1, 2))
+            if (k / 4 != tet && ndli_topology_holds(t, k / 4, nodes + 1, 2))
                 other = k / 4;
         t->neighbours[4 * (size_t)tet + (size_t)face] = other;
         for (int c = 0; other >= 0 && c < 4; c++) {
@@ -5067,147 +4966,159 @@ static void ndli_tissue_link(ndl_tissue_mesh *t, int tet)
     }
 }
 
-/* ---- creation ---- */
+/* ---- reading a body's mesh ---- */
 
-static sb_result ndli_tissue_check_input(const sb_mesh *mesh, const sb_real *densities, int density_count,
-                                         sb_real slack, sb_error *error)
+/* Free slots as lists: the next one to be used first, which is the last of the body's. */
+static void ndli_topology_read_free(ndli_topology *t, const sb_body *body)
 {
-    sb_result result;
-    if (!mesh || !densities)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the %s is NULL", mesh ? "array of densities" : "mesh");
-    if (mesh->element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the tissue of a needle is a mesh of tet4");
-    if (density_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d densities", density_count);
-    for (int i = 0; i < density_count; i++)
-        if (!(densities[i] > 0) || !sb_is_finite(densities[i]))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "density %d is not positive and finite", i);
-    if (!(slack >= 0) || !(slack <= 1000))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "slack is not in [0, 1000]");
-    result = sb_mesh_validate(mesh, error);
-    for (int e = 0; result == SB_OK && e < mesh->element_count; e++) {
-        int region = mesh->regions ? mesh->regions[e] : 0;
-        if (density_count > 1 && (region < 0 || region >= density_count))
-            result = sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "element %d: region %d has no density", e, region);
-    }
-    return result;
-}
-
-static void ndli_tissue_fill(ndl_tissue_mesh *t, const sb_mesh *mesh)
-{
-    t->node_count = t->node_end = t->original_nodes = mesh->node_count;
-    t->tet_count = t->tet_end = t->original_tets = mesh->element_count;
+    sbi_body_slots nodes = sbi_body_node_slots(body), cells = sbi_body_cell_slots(body);
     t->free_node = t->free_tet = -1;
-    for (int n = 0; n < mesh->node_count; n++) {
-        t->X[n] = t->X0[n] = t->x[n] = mesh->nodes[n];
+    for (int i = 0; i < nodes.free_count; i++) {
+        t->node_star[nodes.free[i]] = t->free_node;
+        t->free_node = nodes.free[i];
+    }
+    for (int i = 0; i < cells.free_count; i++) {
+        t->neighbours[4 * (size_t)cells.free[i]] = t->free_tet;
+        t->free_tet = cells.free[i];
+    }
+}
+
+static void ndli_topology_read_nodes(ndli_topology *t, const sb_body *body)
+{
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    t->node_end = sbi_body_node_slots(body).end;
+    t->displaced_count = 0;
+    for (int n = 0; n < t->node_end; n++) {
         t->owner[n] = t->node_star[n] = t->displaced_at[n] = -1;
-        t->node_flags[n] = NDL_NODE_ALIVE;
-    }
-    for (int e = mesh->element_count - 1; e >= 0; e--) { /* rings come out ascending */
-        for (int c = 3; c >= 0; c--)
-            ndli_tissue_join(t, 4 * e + c, mesh->elements[4 * (size_t)e + (size_t)c]);
-        t->regions[e] = mesh->regions ? mesh->regions[e] : 0;
-        t->tet_density[e] = t->densities[t->density_count == 1 ? 0 : t->regions[e]];
-        ndli_tissue_measure(t, e);
+        t->node_flags[n] = t->node_mark[n] = 0;
+        t->X[n] = t->X0[n] = sb_body_node_in_use(body, n) ? X[n] : sb_v3(0, 0, 0);
     }
 }
 
-static void ndli_tissue_weigh(ndl_tissue_mesh *t, int node)
+static void ndli_topology_read_tets(ndli_topology *t, const sb_body *body)
 {
-    sb_real sum = 0;
-    for (int k = t->node_star[node]; k >= 0; k = t->corner_next[k])
-        sum += t->tet_density[k / 4] * t->volumes[k / 4];
-    t->mass[node] = sum / 4;
+    t->tet_end = sbi_body_cell_slots(body).end;
+    t->tet_count = 0;
+    for (int e = t->tet_end - 1; e >= 0; e--) { /* each joins before all that are there */
+        const int *nodes = sb_body_cell_nodes(body, e);
+        memset(t->tets + 4 * (size_t)e, -1, 4 * sizeof(int));
+        t->parents[e] = e;
+        t->tet_mark[e] = 0;
+        t->regions[e] = sbi_body_cell_region(body, e);
+        for (int c = 3; nodes && c >= 0; c--)
+            ndli_topology_join(t, 4 * e + c, nodes[c]);
+        if (nodes) {
+            ndli_topology_measure(t, e);
+            t->tet_count++;
+        }
+    }
 }
 
-/* Neighbours, masses, and which nodes lie on the surface and between regions; the first node of no tet, or -1. */
-static int ndli_tissue_connect(ndl_tissue_mesh *t)
+/* Neighbours, and which nodes are in tets, on the surface and between regions. */
+static void ndli_topology_connect(ndli_topology *t)
 {
     for (int e = 0; e < t->tet_end; e++)
-        ndli_tissue_link(t, e);
+        if (t->tets[4 * (size_t)e] >= 0)
+            ndli_topology_link(t, e);
     for (int e = 0; e < t->tet_end; e++)
-        for (int face = 0; face < 4; face++) {
+        for (int face = 0; face < 4 && t->tets[4 * (size_t)e] >= 0; face++) {
             int nodes[3], other = t->neighbours[4 * (size_t)e + (size_t)face];
-            int flag = other < 0 ? NDL_NODE_BOUNDARY : t->regions[other] != t->regions[e] ? NDL_NODE_INTERFACE : 0;
-            ndli_tissue_face(t, e, face, nodes);
+            int flag = other < 0 ? NDLI_NODE_BOUNDARY : t->regions[other] != t->regions[e] ? NDLI_NODE_INTERFACE : 0;
+            ndli_topology_face(t, e, face, nodes);
             for (int i = 0; i < 3; i++)
                 t->node_flags[nodes[i]] = (unsigned char)(t->node_flags[nodes[i]] | flag);
         }
-    for (int n = 0; n < t->node_end; n++) {
-        ndli_tissue_weigh(t, n);
-        if (t->node_star[n] < 0)
-            return n;
-    }
-    return -1;
+    t->node_count = 0;
+    for (int n = 0; n < t->node_end; n++)
+        if (t->node_star[n] >= 0) {
+            t->node_flags[n] |= NDLI_NODE_ALIVE;
+            t->node_count++;
+        }
 }
 
-NDL_API sb_result ndl_tissue_mesh_create(const sb_mesh *mesh, const sb_real *densities, int density_count,
-                                         sb_real slack, const sb_allocator *allocator,
-                                         ndl_tissue_mesh *tissue, sb_error *error)
+NDLI_API int ndli_topology_read(ndli_topology *mesh, const sb_body *body)
 {
-    ndl_tissue_mesh made;
-    sb_result result;
-    int nodes, tets, lost;
-    if (!tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
-    result = ndli_tissue_check_input(mesh, densities, density_count, slack, error);
-    if (result != SB_OK)
-        return result;
-    memset(&made, 0, sizeof made);
-    if (allocator)
-        made.allocator = *allocator;
-    made.density_count = density_count;
-    nodes = ndli_tissue_grown(mesh->node_count, 0);
-    tets = ndli_tissue_grown(mesh->element_count, 0);
-    if (nodes < 0 || tets < 0)
-        return sbi_fail(error, SB_ERROR_MESH, "too many nodes or tets for a tissue");
-    nodes = mesh->node_count +
-            (int)sb_min((sb_real)(INT_MAX / 8 - mesh->node_count), slack * (sb_real)mesh->node_count);
-    tets = mesh->element_count +
-           (int)sb_min((sb_real)(INT_MAX / 8 - mesh->element_count), slack * (sb_real)mesh->element_count);
-    if (!ndli_tissue_allocate(&made, nodes, tets))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue of %d nodes", mesh->node_count);
-    memcpy(made.densities, densities, (size_t)density_count * sizeof(sb_real));
-    ndli_tissue_fill(&made, mesh);
-    lost = ndli_tissue_connect(&made);
-    if (lost >= 0) {
-        ndl_tissue_mesh_free(&made);
-        return sbi_fail_node(error, SB_ERROR_MESH, lost, "node %d belongs to no tet", lost);
+    sbi_body_slots nodes = sbi_body_node_slots(body), cells = sbi_body_cell_slots(body);
+    if (nodes.end > mesh->node_capacity || cells.end > mesh->tet_capacity) {
+        ndli_topology larger;
+        memset(&larger, 0, sizeof larger);
+        larger.allocator = mesh->allocator;
+        if (nodes.room > INT_MAX / 8 || cells.room > INT_MAX / 8 ||
+            !ndli_topology_allocate(&larger, nodes.room, cells.room))
+            return 0;
+        sbi_free(&mesh->allocator, mesh->block);
+        *mesh = larger;
     }
-    *tissue = made;
-    return SB_OK;
+    ndli_topology_read_nodes(mesh, body);
+    ndli_topology_read_tets(mesh, body);
+    ndli_topology_connect(mesh);
+    ndli_topology_read_free(mesh, body);
+    mesh->original_nodes = mesh->node_end;
+    mesh->original_tets = mesh->tet_end;
+    ndli_topology_look(mesh, body);
+    return 1;
+}
+
+NDLI_API void ndli_topology_read_again(ndli_topology *mesh, const sb_body *body)
+{
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    int end = sbi_body_node_slots(body).end;
+    mesh->node_count = 0;
+    for (int n = 0; n < end; n++) {
+        mesh->node_star[n] = -1;
+        mesh->node_mark[n] = 0;
+        mesh->X[n] = sb_body_node_in_use(body, n) ? X[n] : sb_v3(0, 0, 0);
+        mesh->node_count += mesh->node_flags[n] != 0;
+    }
+    mesh->node_end = end;
+    ndli_topology_read_tets(mesh, body);
+    for (int e = 0; e < mesh->tet_end; e++)
+        if (mesh->tets[4 * (size_t)e] >= 0)
+            ndli_topology_link(mesh, e);
+    ndli_topology_read_free(mesh, body);
+    mesh->x = sb_body_positions(body);
+}
+
+NDLI_API void ndli_topology_look(ndli_topology *mesh, const sb_body *body)
+{
+    const unsigned char *supports = sb_body_supports(body);
+    mesh->x = sb_body_positions(body);
+    for (int n = 0; n < mesh->node_end; n++)
+        if (mesh->node_flags[n])
+            mesh->node_flags[n] = (unsigned char)(supports[n] ? mesh->node_flags[n] | NDLI_NODE_FIXED
+                                                              : mesh->node_flags[n] & ~NDLI_NODE_FIXED);
 }
 
 /* ---- walks ---- */
 
-static int ndli_tissue_is_tet(const ndl_tissue_mesh *t, int tet)
+static int ndli_topology_is_tet(const ndli_topology *t, int tet)
 {
     return tet >= 0 && tet < t->tet_end && t->tets[4 * (size_t)tet] >= 0;
 }
 
-NDL_API int ndl_tissue_mesh_find(const ndl_tissue_mesh *tissue, const sb_vec3 *positions, sb_vec3 point, int start,
+NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                  sb_real weights[4])
 {
     sb_real w[4], slack = -64 * SB_EPSILON;
     int tet = start, from = -1;
-    if (!tissue || !positions || !ndli_tissue_is_tet(tissue, start) || !sb_v3_is_finite(point))
+    if (!mesh || !positions || !ndli_topology_is_tet(mesh, start) || !sb_v3_is_finite(point))
         return -1;
     /* A walk over tets that are not Delaunay, or inverted in space, may circle: it ends after as many steps as a
      * straight line could at most need. */
-    for (int step = 0; step < tissue->tet_count; step++) {
-        const int *n = tissue->tets + 4 * (size_t)tet;
+    for (int step = 0; step < mesh->tet_count; step++) {
+        const int *n = mesh->tets + 4 * (size_t)tet;
         int worst = -1, next;
-        ndli_tissue_weights(positions[n[0]], positions[n[1]], positions[n[2]], positions[n[3]], point, w);
+        ndli_tet_weights(positions[n[0]], positions[n[1]], positions[n[2]], positions[n[3]], point, w);
         for (int c = 0; c < 4; c++)
             if (!(w[c] >= slack) && (worst < 0 || w[c] < w[worst]) &&
-                (tissue->neighbours[4 * (size_t)tet + (size_t)c] != from || from < 0))
+                (mesh->neighbours[4 * (size_t)tet + (size_t)c] != from || from < 0))
                 worst = c;
         if (worst < 0)
             break;
-        next = tissue->neighbours[4 * (size_t)tet + (size_t)worst];
+        next = mesh->neighbours[4 * (size_t)tet + (size_t)worst];
         for (int c = 0; next < 0 && c < 4; c++) /* round a dent of the surface, if there is a way */
-            if (c != worst && w[c] < slack && tissue->neighbours[4 * (size_t)tet + (size_t)c] != from)
-                next = tissue->neighbours[4 * (size_t)tet + (size_t)c];
+            if (c != worst && w[c] < slack && mesh->neighbours[4 * (size_t)tet + (size_t)c] != from)
+                next = mesh->neighbours[4 * (size_t)tet + (size_t)c];
         if (next < 0)
             break;
         from = tet;
@@ -5222,7 +5133,7 @@ NDL_API int ndl_tissue_mesh_find(const ndl_tissue_mesh *tissue, const sb_vec3 *p
 }
 
 /* Where the segment p + s d crosses the triangle from its front (normal against d): s, or -1. */
-static sb_real ndli_tissue_cross(sb_vec3 p, sb_vec3 d, sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_real w[3])
+static sb_real ndli_topology_cross(sb_vec3 p, sb_vec3 d, sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_real w[3])
 {
     sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), n = sb_v3_cross(ab, ac), ap = sb_v3_sub(p, a), q;
     sb_real den = -sb_v3_dot(d, n), slack = 64 * SB_EPSILON;
@@ -5237,28 +5148,28 @@ static sb_real ndli_tissue_cross(sb_vec3 p, sb_vec3 d, sb_vec3 a, sb_vec3 b, sb_
     return sb_v3_dot(ap, n) / den;
 }
 
-NDL_API int ndl_tissue_mesh_hit(const ndl_tissue_mesh *tissue, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
+NDLI_API int ndli_topology_hit(const ndli_topology *mesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
 {
     sb_vec3 d = sb_v3_sub(to, from);
     int found = 0;
-    if (!tissue || !hit || !sb_v3_is_finite(from) || !sb_v3_is_finite(to))
+    if (!mesh || !hit || !sb_v3_is_finite(from) || !sb_v3_is_finite(to))
         return 0;
-    for (int tet = 0; tet < tissue->tet_end; tet++) {
-        const int *n = tissue->tets + 4 * (size_t)tet;
+    for (int tet = 0; tet < mesh->tet_end; tet++) {
+        const int *n = mesh->tets + 4 * (size_t)tet;
         static const int outward[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
         for (int face = 0; n[0] >= 0 && face < 4; face++) {
             int a = n[outward[face][0]], b = n[outward[face][1]], c = n[outward[face][2]];
             sb_real w[3], along;
-            if (tissue->neighbours[4 * (size_t)tet + (size_t)face] >= 0)
+            if (mesh->neighbours[4 * (size_t)tet + (size_t)face] >= 0)
                 continue;
-            along = ndli_tissue_cross(from, d, tissue->x[a], tissue->x[b], tissue->x[c], w);
+            along = ndli_topology_cross(from, d, mesh->x[a], mesh->x[b], mesh->x[c], w);
             if (along < 0 || along > 1 || (found && along >= hit->along))
                 continue;
             found = 1;
             hit->tet = tet;
             hit->face = face;
             hit->along = along;
-            hit->X = sb_v3_madd(sb_v3_madd(sb_v3_scale(w[0], tissue->X[a]), w[1], tissue->X[b]), w[2], tissue->X[c]);
+            hit->X = sb_v3_madd(sb_v3_madd(sb_v3_scale(w[0], mesh->X[a]), w[1], mesh->X[b]), w[2], mesh->X[c]);
         }
     }
     return found;
@@ -5266,53 +5177,47 @@ NDL_API int ndl_tissue_mesh_hit(const ndl_tissue_mesh *tissue, sb_vec3 from, sb_
 
 /* ---- a change ---- */
 
-enum { NDLI_TOUCHED = 1, NDLI_WAS_ALIVE = 2, NDLI_RELINK = 4 };
+enum { NDLI_TOUCHED = 1, NDLI_WAS_ALIVE = 2, NDLI_RELINK = 4, NDLI_DROPPED = 8 };
 
-static void ndli_tissue_affect(ndl_tissue_mesh *t, int node, int was_alive)
+static void ndli_topology_affect(ndli_topology *t, int node, int was_alive)
 {
     if (t->node_mark[node])
         return;
     t->node_mark[node] = (unsigned char)(was_alive ? NDLI_TOUCHED | NDLI_WAS_ALIVE : NDLI_TOUCHED);
     t->affected[t->affected_count++] = node;
-    if (was_alive) {
-        t->momentum = sb_v3_madd(t->momentum, t->mass[node], t->v[node]);
-        t->net_force = sb_v3_madd(t->net_force, t->mass[node], t->a[node]);
-    }
 }
 
 /* To be called before a tet is changed, and after one is made. */
-static void ndli_tissue_touch(ndl_tissue_mesh *t, int tet, int made, int relink)
+static void ndli_topology_touch(ndli_topology *t, int tet, int made, int relink)
 {
     if (!t->tet_mark[tet]) {
         t->tet_mark[tet] = (unsigned char)(made ? NDLI_TOUCHED : NDLI_TOUCHED | NDLI_WAS_ALIVE);
         t->touched[t->touched_count++] = tet;
-        if (!made)
-            t->change_mass += t->tet_density[tet] * t->volumes[tet];
     }
     if (relink)
         t->tet_mark[tet] |= NDLI_RELINK;
     for (int c = 0; c < 4; c++)
-        ndli_tissue_affect(t, t->tets[4 * (size_t)tet + (size_t)c], 1);
+        ndli_topology_affect(t, t->tets[4 * (size_t)tet + (size_t)c], 1);
 }
 
-NDLI_API void ndli_tissue_begin(ndl_tissue_mesh *tissue)
+NDLI_API void ndli_topology_begin(ndli_topology *mesh)
 {
-    tissue->touched_count = tissue->affected_count = tissue->change_count = 0;
-    tissue->momentum = tissue->net_force = sb_v3(0, 0, 0);
-    tissue->change_mass = 0;
+    mesh->touched_count = mesh->affected_count = mesh->change_count = 0;
+    mesh->node_event_count = mesh->tet_event_count = 0;
+    mesh->displaced_before_count = mesh->displaced_count;
+    if (mesh->displaced_count)
+        memcpy(mesh->displaced_before, mesh->displaced, (size_t)mesh->displaced_count * sizeof(int));
 }
 
-NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, sb_real w[4])
+NDLI_API int ndli_topology_source(const ndli_topology *t, sb_vec3 X, int start, sb_real w[4])
 {
-    int tet = ndl_tissue_mesh_find(t, t->X, X, start, w), best = start;
+    int tet = ndli_topology_find(t, t->X, X, start, w), best = start;
     sb_real most = -SB_REAL_MAX, sum = 0;
-    if (tet >= 0)
-        return tet;
-    for (int c = 0; c < 4; c++) { /* a dent may have ended the walk: look about the start */
+    for (int c = 0; tet < 0 && c < 4; c++) { /* a dent may have ended the walk: look about the start */
         for (int k = t->node_star[t->tets[4 * (size_t)start + (size_t)c]]; k >= 0; k = t->corner_next[k]) {
             const int *n = t->tets + 4 * (size_t)(k / 4);
             sb_real least;
-            ndli_tissue_weights(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]], X, w);
+            ndli_tet_weights(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]], X, w);
             least = sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
             if (least > most) {
                 most = least;
@@ -5320,37 +5225,40 @@ NDLI_API int ndli_tissue_source(const ndl_tissue_mesh *t, sb_vec3 X, int start, 
             }
         }
     }
-    {
+    if (tet < 0) {
         const int *n = t->tets + 4 * (size_t)best;
-        ndli_tissue_weights(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]], X, w);
+        ndli_tet_weights(t->X[n[0]], t->X[n[1]], t->X[n[2]], t->X[n[3]], X, w);
     }
     for (int c = 0; c < 4; c++)
         sum += w[c] = sb_max(w[c], 0);
     for (int c = 0; c < 4; c++)
         w[c] /= sum;
-    return best;
+    return tet < 0 ? best : tet;
 }
 
-NDLI_API int ndli_tissue_plan(ndl_tissue_mesh *tissue, int node, sb_vec3 X, int start)
+NDLI_API int ndli_topology_plan(ndli_topology *mesh, int node, sb_vec3 X, int start)
 {
-    ndl_node_change *change = tissue->changes + tissue->change_count;
-    sb_vec3 *state = tissue->change_state + 3 * (size_t)tissue->change_count;
-    int tet = ndli_tissue_source(tissue, X, start, change->weights);
+    ndli_node_change *change = mesh->changes + mesh->change_count;
+    int tet = ndli_topology_source(mesh, X, start, change->weights);
     change->node = node;
     change->created = node < 0;
     change->X = X;
-    state[0] = state[1] = state[2] = sb_v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) {
-        int source = tissue->tets[4 * (size_t)tet + (size_t)c];
-        change->sources[c] = source;
-        state[0] = sb_v3_madd(state[0], change->weights[c], tissue->x[source]);
-        state[1] = sb_v3_madd(state[1], change->weights[c], tissue->v[source]);
-        state[2] = sb_v3_madd(state[2], change->weights[c], tissue->a[source]);
-    }
-    return tissue->change_count++;
+    for (int c = 0; c < 4; c++)
+        change->sources[c] = mesh->tets[4 * (size_t)tet + (size_t)c];
+    return mesh->change_count++;
 }
 
-static int ndli_tissue_make_node(ndl_tissue_mesh *t, sb_vec3 X)
+/* A slot comes into use or (made = 0) goes out of it; what it was is kept. */
+static void ndli_topology_note_node(ndli_topology *t, int node, int made)
+{
+    ndli_node_event *event = t->node_events + t->node_event_count++;
+    event->node = made ? node : ~node;
+    event->owner = t->owner[node];
+    event->flags = t->node_flags[node];
+    event->X0 = t->X0[node];
+}
+
+static int ndli_topology_make_node(ndli_topology *t, sb_vec3 X)
 {
     int node = t->free_node;
     if (node >= 0)
@@ -5358,28 +5266,28 @@ static int ndli_tissue_make_node(ndl_tissue_mesh *t, sb_vec3 X)
     else
         node = t->node_end++;
     t->node_count++;
+    ndli_topology_note_node(t, node, 1);
     t->X[node] = t->X0[node] = X;
-    t->v[node] = sb_v3(0, 0, 0);
     t->owner[node] = t->node_star[node] = t->displaced_at[node] = -1;
-    t->node_flags[node] = NDL_NODE_ALIVE | NDL_NODE_CREATED;
-    t->mass[node] = 0;
-    ndli_tissue_affect(t, node, 0);
+    t->node_flags[node] = NDLI_NODE_ALIVE | NDLI_NODE_CREATED;
+    ndli_topology_affect(t, node, 0);
     return node;
 }
 
-static void ndli_tissue_drop_node(ndl_tissue_mesh *t, int node)
+static void ndli_topology_drop_node(ndli_topology *t, int node)
 {
     SB_ASSERT(t->node_star[node] < 0);
+    ndli_topology_note_node(t, node, 0);
     t->node_flags[node] = 0;
     t->owner[node] = -1;
-    t->mass[node] = 0;
+    t->X[node] = t->X0[node] = sb_v3(0, 0, 0);
     t->node_star[node] = t->free_node;
     t->free_node = node;
     t->node_count--;
 }
 
 /* A copy of a tet with another node at one corner. */
-static int ndli_tissue_make_tet(ndl_tissue_mesh *t, int pattern, int corner, int node)
+static int ndli_topology_make_tet(ndli_topology *t, int pattern, int corner, int node)
 {
     int tet = t->free_tet;
     if (tet >= 0)
@@ -5388,25 +5296,28 @@ static int ndli_tissue_make_tet(ndl_tissue_mesh *t, int pattern, int corner, int
         tet = t->tet_end++;
     t->tet_count++;
     for (int c = 0; c < 4; c++)
-        ndli_tissue_join(t, 4 * tet + c, c == corner ? node : t->tets[4 * (size_t)pattern + (size_t)c]);
+        ndli_topology_join(t, 4 * tet + c, c == corner ? node : t->tets[4 * (size_t)pattern + (size_t)c]);
     t->regions[tet] = t->regions[pattern];
-    t->tet_density[tet] = t->tet_density[pattern];
-    ndli_tissue_touch(t, tet, 1, 1);
+    t->parents[tet] = pattern;
+    t->tet_events[t->tet_event_count++] = tet;
+    ndli_topology_touch(t, tet, 1, 1);
     return tet;
 }
 
-static void ndli_tissue_drop_tet(ndl_tissue_mesh *t, int tet)
+static void ndli_topology_drop_tet(ndli_topology *t, int tet)
 {
-    ndli_tissue_touch(t, tet, 0, 1);
+    ndli_topology_touch(t, tet, 0, 1);
     for (int c = 0; c < 4; c++)
-        ndli_tissue_leave(t, 4 * tet + c);
-    t->tets[4 * (size_t)tet] = -1;
+        ndli_topology_leave(t, 4 * tet + c);
+    memset(t->tets + 4 * (size_t)tet, -1, 4 * sizeof(int));
     t->neighbours[4 * (size_t)tet] = t->free_tet;
     t->free_tet = tet;
     t->tet_count--;
+    t->tet_mark[tet] |= NDLI_DROPPED;
+    t->tet_events[t->tet_event_count++] = ~tet;
 }
 
-static int ndli_tissue_corner(const ndl_tissue_mesh *t, int tet, int node)
+static int ndli_topology_corner(const ndli_topology *t, int tet, int node)
 {
     int c = 0;
     while (c < 3 && t->tets[4 * (size_t)tet + (size_t)c] != node)
@@ -5414,50 +5325,50 @@ static int ndli_tissue_corner(const ndl_tissue_mesh *t, int tet, int node)
     return c;
 }
 
-static void ndli_tissue_replace(ndl_tissue_mesh *t, int tet, int old, int node)
+static void ndli_topology_replace(ndli_topology *t, int tet, int old, int node)
 {
-    int corner = 4 * tet + ndli_tissue_corner(t, tet, old);
-    ndli_tissue_touch(t, tet, 0, 1);
-    ndli_tissue_leave(t, corner);
-    ndli_tissue_join(t, corner, node);
+    int corner = 4 * tet + ndli_topology_corner(t, tet, old);
+    ndli_topology_touch(t, tet, 0, 1);
+    ndli_topology_leave(t, corner);
+    ndli_topology_join(t, corner, node);
 }
 
-NDLI_API int ndli_tissue_cut(ndl_tissue_mesh *tissue, const int *simplex, int size, int plan, int *groups)
+NDLI_API int ndli_topology_cut(ndli_topology *mesh, const int *simplex, int size, int plan, int *groups)
 {
-    int node = ndli_tissue_make_node(tissue, tissue->changes[plan].X), count = 0, mixed = 0;
-    tissue->changes[plan].node = node;
-    for (int k = tissue->node_star[simplex[0]]; k >= 0; k = tissue->corner_next[k])
-        if (ndli_tissue_holds(tissue, k / 4, simplex, size))
+    int node = ndli_topology_make_node(mesh, mesh->changes[plan].X), count = 0, mixed = 0;
+    mesh->changes[plan].node = node;
+    for (int k = mesh->node_star[simplex[0]]; k >= 0; k = mesh->corner_next[k])
+        if (ndli_topology_holds(mesh, k / 4, simplex, size))
             groups[size * count++] = k / 4;
     for (int g = 0; g < count; g++) {
         int parent = groups[size * g];
-        mixed |= tissue->regions[parent] != tissue->regions[groups[0]];
-        ndli_tissue_touch(tissue, parent, 0, 1);
+        mixed |= mesh->regions[parent] != mesh->regions[groups[0]];
+        ndli_topology_touch(mesh, parent, 0, 1);
         for (int j = 1; j < size; j++)
             groups[size * g + j] =
-                ndli_tissue_make_tet(tissue, parent, ndli_tissue_corner(tissue, parent, simplex[j]), node);
-        ndli_tissue_replace(tissue, parent, simplex[0], node);
+                ndli_topology_make_tet(mesh, parent, ndli_topology_corner(mesh, parent, simplex[j]), node);
+        ndli_topology_replace(mesh, parent, simplex[0], node);
     }
     if (mixed)
-        tissue->node_flags[node] |= NDL_NODE_INTERFACE;
+        mesh->node_flags[node] |= NDLI_NODE_INTERFACE;
     return count;
 }
 
-NDLI_API void ndli_tissue_mend(ndl_tissue_mesh *tissue, int node, const int *simplex, int size, const int *groups,
+NDLI_API void ndli_topology_mend(ndli_topology *mesh, int node, const int *simplex, int size, const int *groups,
                                int count)
 {
     for (int g = count - 1; g >= 0; g--) {
         for (int j = size - 1; j > 0; j--)
-            ndli_tissue_drop_tet(tissue, groups[size * g + j]);
-        ndli_tissue_replace(tissue, groups[size * g], node, simplex[0]);
+            ndli_topology_drop_tet(mesh, groups[size * g + j]);
+        ndli_topology_replace(mesh, groups[size * g], node, simplex[0]);
     }
-    ndli_tissue_drop_node(tissue, node);
+    ndli_topology_drop_node(mesh, node);
 }
 
 /* Keeps the list of nodes that are not at their own place. */
-static void ndli_tissue_note_displaced(ndl_tissue_mesh *t, int node)
+static void ndli_topology_note_displaced(ndli_topology *t, int node)
 {
-    int is = memcmp(t->X + node, t->X0 + node, sizeof(sb_vec3)) != 0 && !(t->node_flags[node] & NDL_NODE_CREATED);
+    int is = memcmp(t->X + node, t->X0 + node, sizeof(sb_vec3)) != 0 && !(t->node_flags[node] & NDLI_NODE_CREATED);
     int at = t->displaced_at[node];
     if (is && at < 0) {
         t->displaced_at[node] = t->displaced_count;
@@ -5470,139 +5381,76 @@ static void ndli_tissue_note_displaced(ndl_tissue_mesh *t, int node)
     }
 }
 
-NDLI_API void ndli_tissue_move(ndl_tissue_mesh *tissue, int plan)
+NDLI_API void ndli_topology_move(ndli_topology *mesh, int plan)
 {
-    int node = tissue->changes[plan].node;
-    for (int k = tissue->node_star[node]; k >= 0; k = tissue->corner_next[k])
-        ndli_tissue_touch(tissue, k / 4, 0, 0);
-    tissue->X[node] = tissue->changes[plan].X;
-    ndli_tissue_note_displaced(tissue, node);
+    int node = mesh->changes[plan].node;
+    for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
+        ndli_topology_touch(mesh, k / 4, 0, 0);
+    mesh->X[node] = mesh->changes[plan].X;
+    ndli_topology_note_displaced(mesh, node);
 }
 
-/* Where faces between regions were moved, the tets of the change keep the mass they had together. */
-static void ndli_tissue_keep_mass(ndl_tissue_mesh *t)
+static void ndli_topology_report(ndli_topology *t, ndli_topology_change *change)
 {
-    sb_real mass = 0, least = SB_REAL_MAX, most = 0;
+    memset(change, 0, sizeof *change);
     for (int i = 0; i < t->touched_count; i++) {
         int tet = t->touched[i];
-        if (t->tets[4 * (size_t)tet] < 0)
-            continue;
-        mass += t->tet_density[tet] * t->volumes[tet];
-        least = sb_min(least, t->tet_density[tet]);
-        most = sb_max(most, t->tet_density[tet]);
+        if ((t->tet_mark[tet] & (NDLI_WAS_ALIVE | NDLI_DROPPED)) == NDLI_WAS_ALIVE)
+            t->changed[change->changed_count++] = tet;
     }
-    if (!(most > least) || !(mass > 0))
-        return;
-    for (int i = 0; i < t->touched_count; i++)
-        if (t->tets[4 * (size_t)t->touched[i]] >= 0)
-            t->tet_density[t->touched[i]] *= t->change_mass / mass;
+    change->changed = t->changed;
+    change->node_events = t->node_events;
+    change->tet_events = t->tet_events;
+    change->node_event_count = t->node_event_count;
+    change->tet_event_count = t->tet_event_count;
+    change->nodes = t->changes;
+    change->node_count = t->change_count;
 }
 
-NDLI_API void ndli_tissue_reset_densities(ndl_tissue_mesh *tissue)
+NDLI_API void ndli_topology_end(ndli_topology *mesh, ndli_topology_change *change)
 {
-    ndl_mesh_change nothing;
-    if (tissue->density_count == 1)
-        return;
-    for (int t = 0; t < tissue->tet_end; t++)
-        if (tissue->tets[4 * (size_t)t] >= 0)
-            tissue->tet_density[t] = tissue->densities[tissue->regions[t]];
-    for (int n = 0; n < tissue->node_end; n++)
-        if (tissue->node_flags[n])
-            ndli_tissue_weigh(tissue, n);
-    memset(&nothing, 0, sizeof nothing);
-    if (tissue->listener)
-        tissue->listener(tissue->listener_user, &nothing);
-}
-
-/* Spreads over the change's nodes the momentum that interpolation has lost or made, and the same of accelerations,
- * from which a step of Newmark takes half its momentum. */
-static void ndli_tissue_balance(ndl_tissue_mesh *t)
-{
-    sb_vec3 left = t->momentum, force = t->net_force, dv, da;
-    sb_real mass = 0;
-    for (int i = 0; i < t->affected_count; i++) {
-        int n = t->affected[i];
-        if (!(t->node_flags[n] & NDL_NODE_ALIVE))
-            continue;
-        left = sb_v3_madd(left, -t->mass[n], t->v[n]);
-        force = sb_v3_madd(force, -t->mass[n], t->a[n]);
-        if (!(t->node_flags[n] & NDL_NODE_FIXED))
-            mass += t->mass[n];
-    }
-    if (!(mass > 0))
-        return;
-    dv = sb_v3_scale(1 / mass, left);
-    da = sb_v3_scale(1 / mass, force);
-    for (int i = 0; i < t->affected_count; i++) {
-        int n = t->affected[i];
-        if (t->node_flags[n] && !(t->node_flags[n] & NDL_NODE_FIXED)) {
-            t->v[n] = sb_v3_add(t->v[n], dv);
-            t->a[n] = sb_v3_add(t->a[n], da);
+    for (int i = 0; i < mesh->touched_count; i++)
+        if (mesh->tets[4 * (size_t)mesh->touched[i]] >= 0) {
+            ndli_topology_measure(mesh, mesh->touched[i]);
+            if (mesh->tet_mark[mesh->touched[i]] & NDLI_RELINK)
+                ndli_topology_link(mesh, mesh->touched[i]);
         }
-    }
+    ndli_topology_report(mesh, change);
+    for (int i = 0; i < mesh->touched_count; i++)
+        mesh->tet_mark[mesh->touched[i]] = 0;
+    for (int i = 0; i < mesh->affected_count; i++)
+        mesh->node_mark[mesh->affected[i]] = 0;
 }
 
-static void ndli_tissue_report(ndl_tissue_mesh *t)
+/* The list of displaced nodes as another one says; their places in it with it. */
+static void ndli_topology_set_displaced(ndli_topology *t, const int *list, int count)
 {
-    ndl_mesh_change change;
-    int *changed = t->report, *other = t->report + t->tet_capacity, *nodes = t->report + 2 * (size_t)t->tet_capacity;
-    int removed = 0, created = 0;
-    memset(&change, 0, sizeof change);
-    for (int i = 0; i < t->touched_count; i++) { /* removed from the front, created from the back: never meet */
-        int tet = t->touched[i], was = t->tet_mark[tet] & NDLI_WAS_ALIVE, is = t->tets[4 * (size_t)tet] >= 0;
-        if (was && is)
-            changed[change.changed_count++] = tet;
-        else if (was)
-            other[removed++] = tet;
-        else if (is)
-            other[t->tet_capacity - ++created] = tet;
+    for (int n = 0; n < t->node_end; n++)
+        t->displaced_at[n] = -1;
+    for (int i = 0; i < count; i++) {
+        t->displaced[i] = list[i];
+        t->displaced_at[list[i]] = i;
     }
-    for (int i = 0; i < t->affected_count; i++)
-        if (!t->node_flags[t->affected[i]] && (t->node_mark[t->affected[i]] & NDLI_WAS_ALIVE))
-            nodes[change.removed_node_count++] = t->affected[i];
-    change.changed = changed;
-    change.removed = other;
-    change.created = other + t->tet_capacity - created;
-    change.removed_count = removed;
-    change.created_count = created;
-    change.removed_nodes = nodes;
-    change.nodes = t->changes;
-    change.node_count = t->change_count;
-    t->listener(t->listener_user, &change);
+    t->displaced_count = count;
 }
 
-NDLI_API void ndli_tissue_end(ndl_tissue_mesh *tissue)
+NDLI_API void ndli_topology_take_back(ndli_topology *mesh, const sb_body *body)
 {
-    for (int i = 0; i < tissue->change_count; i++) {
-        int node = tissue->changes[i].node;
-        const sb_vec3 *state = tissue->change_state + 3 * (size_t)i;
-        tissue->x[node] = state[0];
-        tissue->v[node] = state[1];
-        tissue->a[node] = state[2];
+    for (int i = mesh->node_event_count - 1; i >= 0; i--) {
+        const ndli_node_event *event = mesh->node_events + i;
+        int node = event->node < 0 ? ~event->node : event->node;
+        mesh->owner[node] = event->owner;
+        mesh->node_flags[node] = event->flags;
+        mesh->X0[node] = event->X0;
     }
-    for (int i = 0; i < tissue->touched_count; i++)
-        if (tissue->tets[4 * (size_t)tissue->touched[i]] >= 0) {
-            ndli_tissue_measure(tissue, tissue->touched[i]);
-            if (tissue->tet_mark[tissue->touched[i]] & NDLI_RELINK)
-                ndli_tissue_link(tissue, tissue->touched[i]);
-        }
-    ndli_tissue_keep_mass(tissue);
-    for (int i = 0; i < tissue->affected_count; i++)
-        if (tissue->node_flags[tissue->affected[i]])
-            ndli_tissue_weigh(tissue, tissue->affected[i]);
-    ndli_tissue_balance(tissue);
-    if (tissue->listener)
-        ndli_tissue_report(tissue);
-    for (int i = 0; i < tissue->touched_count; i++)
-        tissue->tet_mark[tissue->touched[i]] = 0;
-    for (int i = 0; i < tissue->affected_count; i++)
-        tissue->node_mark[tissue->affected[i]] = 0;
+    ndli_topology_read_again(mesh, body);
+    ndli_topology_set_displaced(mesh, mesh->displaced_before, mesh->displaced_before_count);
 }
 
 /* ---- measures and checks ---- */
 
 /* Extreme cosines of a tet's six dihedral angles. */
-static void ndli_tissue_cosines(const ndl_tissue_mesh *t, int tet, sb_real *low, sb_real *high)
+static void ndli_topology_cosines(const ndli_topology *t, int tet, sb_real *low, sb_real *high)
 {
     const int *n = t->tets + 4 * (size_t)tet;
     sb_vec3 a = t->X[n[0]], b = t->X[n[1]], c = t->X[n[2]], d = t->X[n[3]], normal[4];
@@ -5620,18 +5468,18 @@ static void ndli_tissue_cosines(const ndl_tissue_mesh *t, int tet, sb_real *low,
         }
 }
 
-NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *worst_quality, sb_real *min_dihedral,
+NDLI_API void ndli_topology_quality(const ndli_topology *mesh, sb_real *worst_quality, sb_real *min_dihedral,
                                      sb_real *max_dihedral)
 {
     sb_real worst = 1, low = 1, high = -1, degrees = (sb_real)57.295779513082323;
-    if (!tissue)
+    if (!mesh)
         return;
-    for (int t = 0; t < tissue->tet_end; t++) {
-        if (tissue->tets[4 * (size_t)t] < 0)
+    for (int t = 0; t < mesh->tet_end; t++) {
+        if (mesh->tets[4 * (size_t)t] < 0)
             continue;
-        worst = sb_min(worst, tissue->qualities[t]);
+        worst = sb_min(worst, mesh->qualities[t]);
         if (min_dihedral || max_dihedral)
-            ndli_tissue_cosines(tissue, t, &low, &high);
+            ndli_topology_cosines(mesh, t, &low, &high);
     }
     if (worst_quality)
         *worst_quality = worst;
@@ -5641,29 +5489,7 @@ NDL_API void ndl_tissue_mesh_quality(const ndl_tissue_mesh *tissue, sb_real *wor
         *max_dihedral = degrees * sb_acos(low);
 }
 
-NDL_API sb_real ndl_tissue_mesh_volume(const ndl_tissue_mesh *tissue)
-{
-    double sum = 0;
-    if (!tissue)
-        return 0;
-    for (int t = 0; t < tissue->tet_end; t++)
-        if (tissue->tets[4 * (size_t)t] >= 0)
-            sum += (double)tissue->volumes[t];
-    return (sb_real)sum;
-}
-
-NDL_API sb_real ndl_tissue_mesh_mass(const ndl_tissue_mesh *tissue)
-{
-    double sum = 0;
-    if (!tissue)
-        return 0;
-    for (int n = 0; n < tissue->node_end; n++)
-        if (tissue->node_flags[n])
-            sum += (double)tissue->mass[n];
-    return (sb_real)sum;
-}
-
-static sb_result ndli_tissue_check_tet(const ndl_tissue_mesh *t, int tet, sb_error *error)
+static sb_result ndli_topology_check_tet(const ndli_topology *t, int tet, sb_error *error)
 {
     for (int c = 0; c < 4; c++) {
         int corner = 4 * tet + c, node = t->tets[corner], other = t->neighbours[corner], nodes[3], back = 0;
@@ -5674,10 +5500,10 @@ static sb_result ndli_tissue_check_tet(const ndl_tissue_mesh *t, int tet, sb_err
             return sbi_fail_element(error, SB_ERROR_MESH, tet, "tet %d is not in the ring of node %d", tet, node);
         if (other < 0)
             continue;
-        ndli_tissue_face(t, tet, c, nodes);
-        for (int k = 0; ndli_tissue_is_tet(t, other) && k < 4; k++)
+        ndli_topology_face(t, tet, c, nodes);
+        for (int k = 0; ndli_topology_is_tet(t, other) && k < 4; k++)
             back |= t->neighbours[4 * (size_t)other + (size_t)k] == tet;
-        if (!back || !ndli_tissue_holds(t, other, nodes, 3))
+        if (!back || !ndli_topology_holds(t, other, nodes, 3))
             return sbi_fail_element(error, SB_ERROR_MESH, tet, "tet %d and its neighbour %d disagree", tet, other);
     }
     if (t->tet_mark[tet] || !(t->qualities[tet] > 0))
@@ -5685,72 +5511,338 @@ static sb_result ndli_tissue_check_tet(const ndl_tissue_mesh *t, int tet, sb_err
     return SB_OK;
 }
 
-NDL_API sb_result ndl_tissue_mesh_check(const ndl_tissue_mesh *tissue, sb_error *error)
+NDLI_API sb_result ndli_topology_check(const ndli_topology *mesh, sb_error *error)
 {
     sb_result result = SB_OK;
     int tets = 0, nodes = 0, corners = 0;
-    if (!tissue || !tissue->block)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "no tissue");
-    for (int t = 0; result == SB_OK && t < tissue->tet_end; t++)
-        if (tissue->tets[4 * (size_t)t] >= 0) {
+    if (!mesh || !mesh->block)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no mesh");
+    for (int t = 0; result == SB_OK && t < mesh->tet_end; t++)
+        if (mesh->tets[4 * (size_t)t] >= 0) {
             tets++;
-            result = ndli_tissue_check_tet(tissue, t, error);
+            result = ndli_topology_check_tet(mesh, t, error);
         }
-    for (int n = 0; result == SB_OK && n < tissue->node_end; n++)
-        if (tissue->node_flags[n]) {
+    for (int n = 0; result == SB_OK && n < mesh->node_end; n++)
+        if (mesh->node_flags[n]) {
             nodes++;
-            for (int k = tissue->node_star[n]; k >= 0 && corners <= 4 * tissue->tet_count; k = tissue->corner_next[k])
+            for (int k = mesh->node_star[n]; k >= 0 && corners <= 4 * mesh->tet_count; k = mesh->corner_next[k])
                 corners++;
         }
-    if (result == SB_OK && (tets != tissue->tet_count || nodes != tissue->node_count || corners != 4 * tets))
+    if (result == SB_OK && (tets != mesh->tet_count || nodes != mesh->node_count || corners != 4 * tets))
         result = sbi_fail(error, SB_ERROR_MESH, "counts disagree: %d tets, %d nodes, %d corners", tets, nodes, corners);
     return result;
 }
 
-NDL_API int ndl_tissue_mesh_is_original(const ndl_tissue_mesh *tissue)
+NDLI_API int ndli_topology_is_original(const ndli_topology *mesh)
 {
-    if (!tissue)
+    if (!mesh || mesh->displaced_count)
         return 0;
-    if (tissue->node_count != tissue->original_nodes || tissue->tet_count != tissue->original_tets ||
-        tissue->displaced_count)
-        return 0;
-    for (int n = 0; n < tissue->original_nodes; n++)
-        if (!tissue->node_flags[n] || memcmp(tissue->X + n, tissue->X0 + n, sizeof(sb_vec3)) != 0)
-            return 0;
-    for (int t = 0; t < tissue->original_tets; t++)
-        if (tissue->tets[4 * (size_t)t] < 0)
+    for (int n = 0; n < mesh->node_end; n++)
+        if (mesh->node_flags[n] & NDLI_NODE_CREATED)
             return 0;
     return 1;
 }
 
-/* ==== src/needle/remesh.c ==== */
-/* remesh: candidates, their comparison, the stack, smoothing, release.
- *
- * Candidates are tried on a copy of the tets about the tip, the patch, so that nothing needs to be taken back; only the
- * winner is done to the mesh. Two candidates are compared by the qualities they take away and bring: with D and C the
- * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
- * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
- * union of what any candidate changes, without that union. */
+/* ---- undo and state ---- */
 
+NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts)
+{
+    counts[0] = mesh->node_end;
+    while (counts[0] > 0 && !mesh->node_flags[counts[0] - 1])
+        counts[0]--;
+    counts[1] = mesh->displaced_count;
+    counts[2] = mesh->original_nodes, counts[3] = mesh->original_tets;
+}
 
-#include <limits.h>
+NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, ndli_image *image)
+{
+    size_t nodes = (size_t)counts[0];
+    ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
+    ndli_image_part(image, mesh->owner, nodes, sizeof(int));
+    ndli_image_part(image, mesh->node_flags, nodes, 1);
+    ndli_image_part(image, mesh->displaced, (size_t)counts[1], sizeof(int));
+}
+
+NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const sb_body *body)
+{
+    int end = sbi_body_node_slots(body).end;
+    mesh->original_nodes = counts[2];
+    mesh->original_tets = counts[3];
+    for (int n = counts[0]; n < end; n++) {
+        mesh->node_flags[n] = 0;
+        mesh->owner[n] = -1;
+        mesh->X0[n] = sb_v3(0, 0, 0);
+    }
+    ndli_topology_read_again(mesh, body);
+    for (int n = 0; n < mesh->node_end; n++)
+        mesh->displaced_at[n] = -1;
+    mesh->displaced_count = counts[1];
+    for (int i = 0; i < counts[1]; i++)
+        mesh->displaced_at[mesh->displaced[i]] = i;
+}
+
+NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
+                                              int max_owner, sb_error *error)
+{
+    enum { KNOWN = NDLI_NODE_ALIVE | NDLI_NODE_BOUNDARY | NDLI_NODE_INTERFACE | NDLI_NODE_FIXED | NDLI_NODE_CREATED |
+                   NDLI_NODE_NEEDLE };
+    size_t nodes = (size_t)counts[0];
+    const unsigned char *owners = in + ndli_image_room(nodes * sizeof(sb_vec3));
+    const unsigned char *flags = owners + ndli_image_room(nodes * sizeof(int));
+    const unsigned char *list = flags + ndli_image_room(nodes);
+    int displaced = 0;
+    for (int n = 0; n < counts[0]; n++) {
+        int owner = ndli_image_int(owners, (size_t)n), away;
+        sb_vec3 X0;
+        memcpy(&X0, in + (size_t)n * sizeof X0, sizeof X0);
+        away = flags[n] && !(flags[n] & NDLI_NODE_CREATED) && memcmp(&X0, mesh->X + n, sizeof X0) != 0;
+        displaced += away;
+        if (!sb_v3_is_finite(X0))
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, n, "the saved place of node %d is not finite", n);
+        if ((flags[n] & ~KNOWN) || (flags[n] != 0) != (mesh->node_star[n] >= 0 && n < mesh->node_end) || owner < -1 ||
+            owner >= max_owner || (flags[n] && !(flags[n] & NDLI_NODE_ALIVE)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, n, "the saved remesher is damaged at node %d", n);
+    }
+    for (int i = 0; i < counts[1]; i++) {
+        int n = ndli_image_int(list, (size_t)i);
+        sb_vec3 X0;
+        if (n < 0 || n >= counts[0])
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it has displaced node %d", n);
+        memcpy(&X0, in + (size_t)n * sizeof X0, sizeof X0);
+        for (int k = 0; k < i; k++)
+            displaced -= ndli_image_int(list, (size_t)k) == n; /* twice: the sum below is wrong then */
+        displaced -= flags[n] && !(flags[n] & NDLI_NODE_CREATED) && memcmp(&X0, mesh->X + n, sizeof X0) != 0;
+    }
+    return displaced == 0 ? SB_OK
+                          : sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher's list of displaced nodes is damaged");
+}
+
+NDLI_API int ndli_topology_first_tet(const ndli_topology *mesh, int i, int j)
+{
+    for (int k = mesh->node_star[i]; k >= 0; k = mesh->corner_next[k])
+        if (ndli_topology_holds(mesh, k / 4, &j, 1))
+            return k / 4;
+    return -1;
+}
+
+/* ==== src/needle/rod_state.c ==== */
+/* rod_state: saves what a rod is at, and brings it back to the last bit. */
+
 #include <string.h>
 
-enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
-enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
-       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
-enum {
-    NDLI_SLIDE_SAMPLES = 10,
-    NDLI_MAX_SUBSTEPS = 1000,
-    NDLI_STUCK = 16,
-    NDLI_RELEASES = 4,
-    NDLI_FINALISTS = 6,
-    NDLI_RATED = 16
-};
-#define NDLI_REMESH_COOKIE 0x4e444c52u
 
-/* ---- what is kept ---- */
+static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
+
+static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
+
+typedef struct ndli_rod_head {
+    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
+    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
+    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
+    int none; /* fills the head up to whole doubles */
+} ndli_rod_head;
+
+static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
+    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
+    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
+    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
+    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
+    h->base_director[2] = rod->base_director.z;
+    h->energy_before = rod->energy_before;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_newton = rod->max_newton;
+    h->node_count = rod->node_count;
+    h->plain = rod->plain;
+    h->base_director_set = rod->base_director_set;
+    h->energy_monitored = rod->energy_monitored;
+    h->grips = rod->grips;
+}
+
+static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
+{
+    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
+    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
+    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
+    rod->energy_before = h->energy_before;
+    rod->node_count = h->node_count;
+    rod->plain = h->plain;
+    rod->base_director_set = h->base_director_set;
+    rod->energy_monitored = h->energy_monitored;
+    rod->grips = h->grips;
+}
+
+/* Returns where the bytes that are no numbers begin. */
+static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
+{
+    ndli_v3 *node_vectors[] = {rod->x, rod->v, rod->a, rod->target, rod->target_velocity, rod->force, rod->reaction};
+    ndli_v3 *edge_vectors[] = {rod->director, rod->tangent};
+    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,       rod->torque,
+                            rod->grip,  rod->grip_limit,  rod->anchor, rod->reaction_torque};
+    size_t n = (size_t)node_count, flags;
+    for (size_t i = 0; i < sizeof node_vectors / sizeof *node_vectors; i++)
+        ndli_image_part(image, node_vectors[i], n, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_vectors / sizeof *edge_vectors; i++)
+        ndli_image_part(image, edge_vectors[i], n - 1, sizeof(ndli_v3));
+    for (size_t i = 0; i < sizeof edge_reals / sizeof *edge_reals; i++)
+        ndli_image_part(image, edge_reals[i], n - 1, sizeof(double));
+    ndli_image_part(image, rod->mass, n, sizeof(double));
+    ndli_image_part(image, rod->cell, n, sizeof(double));
+    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
+    flags = image->used;
+    ndli_image_part(image, rod->held, n, 1);
+    ndli_image_part(image, rod->has_velocity, n, 1);
+    ndli_image_part(image, rod->turn_held, n - 1, 1);
+    return flags;
+}
+
+static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.used = sizeof(ndli_rod_head);
+    *flags = ndli_rod_walk(rod, node_count, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
+{
+    ndl_rod view = *rod;
+    size_t flags;
+    return ndli_rod_measure(&view, node_count, &flags);
+}
+
+NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
+{
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_take_head(rod, &head);
+    ndli_rod_walk(rod, head.node_count, &image);
+    ndli_rod_publish(rod);
+}
+
+static sb_result ndli_rod_check_head(const ndl_rod *rod, const ndli_rod_head *head, sb_error *error)
+{
+    ndli_rod_head own;
+    ndli_rod_fill_head(rod, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
+    if (memcmp(&own, head, 6 * sizeof(double)) != 0 || own.max_newton != head->max_newton)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
+    if (head->node_count > rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head->node_count,
+                        rod->capacity);
+    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count || !ndli_state_is_flag(head->plain) ||
+        !ndli_state_is_flag(head->base_director_set) || !ndli_state_is_flag(head->energy_monitored))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
+    return SB_OK;
+}
+
+NDLI_API sb_result ndli_rod_check(const ndl_rod *rod, const unsigned char *in, size_t size, size_t *used, int *nodes,
+                                  sb_error *error)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    size_t flags;
+    sb_result result;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
+    memcpy(&head, in, sizeof head);
+    result = ndli_rod_check_head(rod, &head, error);
+    if (result != SB_OK)
+        return result;
+    *used = ndli_rod_measure(&view, head.node_count, &flags);
+    *nodes = head.node_count;
+    if (*used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends before its %d nodes do", head.node_count);
+    for (size_t at = 0; at < flags; at += sizeof(double)) {
+        double value;
+        memcpy(&value, in + at, sizeof value);
+        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
+    }
+    return SB_OK;
+}
+
+NDLI_API void ndli_rod_put(const ndl_rod *rod, sbi_state_out *out)
+{
+    ndl_rod view = *rod;
+    ndli_rod_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_rod_fill_head(rod, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    ndli_rod_walk(&view, head.node_count, &image);
+}
+
+static sb_result ndli_rod_check_image(const ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    size_t told, used;
+    int nodes;
+    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
+    if (result != SB_OK)
+        return result;
+    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
+    result = ndli_rod_check(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD, told, &used, &nodes, error);
+    if (result == SB_OK && used != told)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved rod goes on behind its nodes");
+    return result;
+}
+
+NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
+{
+    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
+}
+
+NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
+{
+    size_t needed = ndl_rod_state_size(rod);
+    if (!rod || !buffer)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
+    if (size < needed)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
+                        (unsigned long)needed, (unsigned long)size);
+    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
+    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
+    return SB_OK;
+}
+
+NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
+{
+    sb_result result;
+    if (!rod)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
+    result = ndli_rod_check_image(rod, buffer, size, error);
+    if (result == SB_OK)
+        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
+    return result;
+}
+
+/* ==== src/needle/remesh_private.h ==== */
+/* remesh_private: what is inside a remesher. Floor 6, internal: remesh.c works on it, remesh_state.c keeps it. */
+#ifndef NDL_REMESH_PRIVATE_H
+#define NDL_REMESH_PRIVATE_H
+
+
+enum { NDLI_FINALISTS = 6 }; /* candidates that are smoothed before they are compared */
 
 /* A split that can be undone; its tets are pool[first ...], `size` per tet that was cut. */
 typedef struct ndli_split {
@@ -5762,6 +5854,7 @@ typedef struct ndli_needle {
     int *nodes, count, node_capacity; /* entry first */
     ndli_split *stack;
     int depth, stack_capacity;
+    int undone; /* splits that the change under way has taken back */
     int *pool, pool_count, pool_capacity;
 } ndli_needle;
 
@@ -5807,9 +5900,22 @@ typedef struct ndli_node_move {
     sb_vec3 X;
 } ndli_node_move;
 
+/* A split that is undone: its node, and the corners that it was between. */
+typedef struct ndli_leaving {
+    int node, size, simplex[4];
+} ndli_leaving;
+
 struct ndl_remesh {
     ndl_remesh_def def;
-    ndl_tissue_mesh *mesh;
+    ndli_topology topology, *mesh; /* mesh: that topology */
+    sb_body *body;
+    int listener;          /* its number at the body */
+    int own;               /* 1: the change that the body makes is ours */
+    int stale;             /* 1: the body has got another mesh, which is not read yet */
+    int joined;            /* 1: it is a part of the body's state */
+    ndl_remesh *staged;    /* what a saved state that passed its checks will make of this; else NULL */
+    ndli_leaving *leaving; /* nodes that the change under way takes out */
+    int leaving_count, leaving_capacity;
     ndli_needle *needles;
     int release_cursor;
     ndl_remesh_info info;
@@ -5832,9 +5938,768 @@ struct ndl_remesh {
     sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
-    int *groups;
+    int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
     void *scratch;
 };
+
+
+#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+SB_INLINE int ndli_remesh_has(const int nodes[4], int node)
+{
+    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
+}
+
+SB_INLINE int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
+{
+    for (int i = 0; i < size; i++)
+        if (!ndli_remesh_has(nodes, simplex[i]))
+            return 0;
+    return 1;
+}
+
+/* ---- remesh_state.c ---- */
+
+/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. 0: there is none. */
+NDLI_API int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int counts[3]);
+/* Frees what it knows of mesh and needles. Safe on NULL. */
+NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r);
+
+/* What the ints of a command begin with; then the needle, and what the call returned. */
+typedef enum ndli_remesh_command {
+    NDLI_COMMAND_PUNCTURE = 1, /* and tet, face; along, X, slip */
+    NDLI_COMMAND_PENETRATE = 2, /* X */
+    NDLI_COMMAND_RETRACT = 3,   /* X */
+    NDLI_COMMAND_WITHDRAW = 4,
+    NDLI_COMMAND_MADE = 5, /* the remesher was created, or destroyed */
+    NDLI_COMMAND_GONE = 6
+} ndli_remesh_command;
+
+typedef sb_result (*ndli_remesh_replay)(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                        size_t real_count, sb_error *error);
+/* The remesher joins the state and the recording of its body. */
+NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error);
+NDLI_API void ndli_remesh_leave(ndl_remesh *r);
+/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it is
+ * not told, as calls with numbers that are none are not: they change nothing. */
+NDLI_API void ndli_remesh_hush(ndl_remesh *r);
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count);
+NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                        sb_result result);
+NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result);
+NDLI_API void ndli_remesh_tell_withdraw(ndl_remesh *r, int needle, sb_result result);
+#endif
+
+#endif /* NDL_REMESH_PRIVATE_H */
+
+/* ==== src/needle/remesh_state.c ==== */
+/* remesh_state: what a remesher knows: its memory, in undo, in the saved state of its body and in its recording. */
+
+#include <limits.h>
+#include <string.h>
+
+
+/* ---- memory ---- */
+
+static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
+{
+    size_t room = (size_t)needed + (size_t)needed / 2;
+    void *grown;
+    if (needed <= *capacity)
+        return 1;
+    grown = sbi_alloc(&r->def.allocator, room, size);
+    if (!grown)
+        return 0;
+    if (used)
+        memcpy(grown, *array, (size_t)used * size);
+    sbi_free(&r->def.allocator, *array);
+    *array = grown;
+    *capacity = (int)room;
+    return 1;
+}
+
+NDLI_API int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int counts[3])
+{
+    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool, *leaving = r->leaving;
+    int splits = 0, good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
+    needle->nodes = (int *)nodes;
+    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
+    needle->stack = (ndli_split *)stack;
+    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
+    needle->pool = (int *)pool;
+    for (int i = 0; i < r->def.max_needles; i++)
+        splits += r->needles[i].stack_capacity;
+    good = good && ndli_remesh_grow(r, &leaving, &r->leaving_capacity, 0, splits, sizeof(ndli_leaving));
+    r->leaving = (ndli_leaving *)leaving;
+    return good;
+}
+
+NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r)
+{
+    if (!r)
+        return;
+    for (int i = 0; r->needles && i < r->def.max_needles; i++) {
+        sbi_free(&r->def.allocator, r->needles[i].nodes);
+        sbi_free(&r->def.allocator, r->needles[i].stack);
+        sbi_free(&r->def.allocator, r->needles[i].pool);
+    }
+    sbi_free(&r->def.allocator, r->needles);
+    sbi_free(&r->def.allocator, r->leaving);
+    ndli_topology_free(&r->topology);
+}
+
+/* ---- the image ---- */
+
+typedef struct ndli_remesh_head {
+    double smooth_below, release_above, entry_slip;
+    uint64_t mesh; /* hash of the mesh; 0 in snapshots */
+    int order, max_needles, interfaces, max_smoothed, release_cursor;
+    int stale; /* 1: the image ends here; nothing is known of the mesh that the body has got from others */
+} ndli_remesh_head;
+
+/* Free slots at the end do not count: they may have been merged. */
+static uint64_t ndli_remesh_hash_mesh(const ndli_topology *mesh)
+{
+    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
+    uint64_t hash;
+    while (nodes > 0 && !mesh->node_flags[nodes - 1])
+        nodes--;
+    while (tets > 0 && mesh->tets[4 * (tets - 1)] < 0)
+        tets--;
+    hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
+    return ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
+}
+
+static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->smooth_below = (double)r->def.smooth_below;
+    h->release_above = (double)r->def.release_above;
+    h->entry_slip = (double)r->def.entry_slip;
+    h->order = NDLI_IMAGE_ORDER;
+    h->max_needles = r->def.max_needles;
+    h->interfaces = (int)r->def.interfaces;
+    h->max_smoothed = r->def.max_smoothed;
+    h->release_cursor = r->stale ? 0 : r->release_cursor;
+    h->stale = r->stale;
+}
+
+/* A split's simplex in four places, those that it does not use 0. */
+static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+{
+    ndli_split whole;
+    memset(&whole, 0, sizeof whole);
+    if (split && !image->in) {
+        whole = *split;
+        for (int i = whole.size; i < 4; i++)
+            whole.simplex[i] = 0;
+    }
+    ndli_image_part(image, &whole, 1, sizeof whole);
+    if (image->in)
+        *split = whole;
+}
+
+/* counts: [3] nodes, splits, pool */
+static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
+{
+    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
+    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
+        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
+    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
+}
+
+/* Measures or writes. */
+static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
+{
+    ndli_remesh_head head;
+    ndli_topology topology = *r->mesh;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    ndli_remesh_fill_head(r, &head);
+    head.mesh = mesh;
+    ndli_image_part(image, &head, 1, sizeof head);
+    if (r->stale)
+        return;
+    ndli_topology_counts(&topology, counts);
+    ndli_image_part(image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(&topology, counts, image);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int sizes[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
+        ndli_image_part(image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, image);
+    }
+}
+
+NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    ndli_remesh_write(r, 0, &image);
+    return image.used;
+}
+
+NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
+{
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS] = {0, 0, 0, 0};
+    size_t sum;
+    memset(&image, 0, sizeof image);
+    counts[0] = counts[1] = topology.node_capacity;
+    ndli_topology_walk(&topology, counts, &image);
+    sum = ndli_image_room(sizeof(ndli_remesh_head)) + ndli_image_room(sizeof counts) + image.used;
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
+               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
+               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
+    }
+    return sum;
+}
+
+NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
+{
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.out = (unsigned char *)buffer;
+    ndli_remesh_write(r, 0, &image);
+}
+
+/* Takes an image that is good, once the body has the mesh that goes with it. */
+static void ndli_remesh_read(ndl_remesh *r, const sb_body *body, const void *buffer)
+{
+    ndli_remesh_head head;
+    ndli_image image;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    memset(&head, 0, sizeof head);
+    memset(&image, 0, sizeof image);
+    image.in = (const unsigned char *)buffer;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    r->release_cursor = head.release_cursor;
+    ndli_image_part(&image, counts, NDLI_TOPOLOGY_COUNTS, sizeof(int));
+    ndli_topology_walk(r->mesh, counts, &image);
+    ndli_topology_recall(r->mesh, counts, body);
+    for (int i = 0; i < r->def.max_needles; i++) {
+        int sizes[4];
+        ndli_image_part(&image, sizes, 4, sizeof(int));
+        ndli_remesh_walk_needle(r->needles + i, sizes, &image);
+        r->needles[i].count = sizes[0];
+        r->needles[i].depth = sizes[1];
+        r->needles[i].pool_count = sizes[2];
+    }
+}
+
+NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
+{
+    ndli_remesh_read(r, r->body, buffer);
+    r->stale = 0;
+}
+
+/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
+static int ndli_remesh_split_holds(const ndli_topology *mesh, const ndli_split *s, int pool_count)
+{
+    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
+        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
+        return 0;
+    for (int i = 0; i < s->size; i++) {
+        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
+            return 0;
+        for (int j = 0; j < i; j++)
+            if (s->simplex[i] == s->simplex[j])
+                return 0;
+    }
+    return 1;
+}
+
+static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
+{
+    for (int i = 0; i < count; i++) {
+        int slot = ndli_image_int(slots, (size_t)i);
+        if (slot < 0 || slot >= end)
+            return 0;
+    }
+    return 1;
+}
+
+/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
+ * out */
+static size_t ndli_remesh_needle_holds(const ndli_topology *mesh, const unsigned char *in, size_t left, int counts[4])
+{
+    ndli_needle none;
+    ndli_image image;
+    size_t stack, pool;
+    memset(&none, 0, sizeof none);
+    memset(&image, 0, sizeof image);
+    image.used = 4 * sizeof(int);
+    if (left < image.used)
+        return 0;
+    memcpy(counts, in, 4 * sizeof(int));
+    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
+        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
+        return 0;
+    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
+    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+    ndli_remesh_walk_needle(&none, counts, &image);
+    if (image.overflow || image.used > left ||
+        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
+        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
+        return 0;
+    for (int i = 0; i < counts[1]; i++) {
+        ndli_split split;
+        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
+        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
+            return 0;
+    }
+    return image.used;
+}
+
+/* ---- the rehearsal of an image ----
+ * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
+ * of an image are undone on a copy of the topology first. */
+typedef struct ndli_rehearsal {
+    const ndli_topology *mesh;
+    const unsigned char *owners, *flags; /* [node_end] of the image */
+    int node_end;
+    int *tets;   /* [tet_end][4]; first -1: not in use */
+    int *stars;  /* [node_end] tets of a node; -1: undone */
+    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    unsigned char *threaded; /* [node_end] 1: on a needle */
+} ndli_rehearsal;
+
+static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
+{
+    for (int c = 0; c < 4; c++)
+        h->stars[nodes[c]] += step;
+}
+
+/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
+static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
+{
+    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
+    for (int j = 0; j < s->size; j++) {
+        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
+            return 0;
+        h->takers[parts[j]] = needle;
+    }
+    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
+        return 0;
+    for (int c = 0; c < 4; c++)
+        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
+    if (!ndli_remesh_holds(whole, s->simplex, s->size))
+        return 0;
+    for (int j = 1; j < s->size; j++) {
+        int *part = h->tets + 4 * (size_t)parts[j];
+        for (int c = 0; c < 4; c++)
+            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
+                return 0;
+        ndli_rehearsal_count(h, part, -1);
+        part[0] = -1;
+    }
+    ndli_rehearsal_count(h, first, -1);
+    ndli_rehearsal_count(h, whole, 1);
+    memcpy(first, whole, sizeof whole);
+    return 1;
+}
+
+/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
+static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
+                               int pool_count, int needle)
+{
+    int end = pool_count;
+    for (int i = depth - 1; i >= 0; i--) {
+        ndli_split s;
+        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
+        if (s.first + s.size * s.count != end || s.node >= h->node_end || !(h->flags[s.node] & NDLI_NODE_CREATED) ||
+            h->stars[s.simplex[0]] < 1)
+            return 0;
+        end = s.first;
+        for (int g = 0; g < s.count; g++) {
+            int parts[4];
+            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
+            if (!ndli_rehearsal_join(h, &s, parts, needle))
+                return 0;
+        }
+        if (h->stars[s.node] != 0)
+            return 0;
+        h->stars[s.node] = -1;
+    }
+    return end == 0;
+}
+
+/* Nodes of a needle, entry first: its own, each once, joined by edges. */
+static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
+{
+    const ndli_topology *mesh = h->mesh;
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
+        if (node >= h->node_end || !(h->flags[node] & NDLI_NODE_NEEDLE) ||
+            ndli_image_int(h->owners, (size_t)node) != needle || h->threaded[node])
+            return 0;
+        h->threaded[node] = 1;
+        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
+            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
+        if (!joined)
+            return 0;
+    }
+    return 1;
+}
+
+static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    sbi_free(&r->def.allocator, h->tets);
+    sbi_free(&r->def.allocator, h->stars);
+    sbi_free(&r->def.allocator, h->takers);
+    sbi_free(&r->def.allocator, h->threaded);
+}
+
+/* 0: no memory. */
+static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
+{
+    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
+    h->mesh = r->mesh;
+    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
+    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
+    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
+    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
+    if (!h->tets || !h->stars || !h->takers || !h->threaded)
+        return 0;
+    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
+    for (size_t t = 0; t < tets; t++) {
+        h->takers[t] = -1;
+        if (h->tets[4 * t] >= 0)
+            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
+    }
+    return 1;
+}
+
+/* Every needle of an image whose indices are in their ranges. */
+static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
+{
+    for (int i = 0; i < r->def.max_needles; i++) {
+        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
+        int counts[4];
+        memcpy(counts, in, sizeof counts);
+        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
+        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
+        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
+            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the body", i);
+        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
+    }
+    for (int i = 0; i < h->node_end; i++)
+        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d", i);
+    return SB_OK;
+}
+
+/* Where the needles of an image begin; 0: its counts are none. counts: out. */
+static size_t ndli_remesh_needles_at(const ndl_remesh *r, const unsigned char *in, size_t size, int *counts)
+{
+    ndli_topology topology = *r->mesh;
+    ndli_image image;
+    size_t at = sizeof(ndli_remesh_head);
+    if (size < at + NDLI_TOPOLOGY_COUNTS * sizeof(int))
+        return 0;
+    memcpy(counts, in + at, NDLI_TOPOLOGY_COUNTS * sizeof(int));
+    if (counts[0] < 0 || counts[0] > topology.node_end || counts[1] < 0 || counts[1] > counts[0] || counts[2] < 0 ||
+        counts[3] < 0 || counts[2] > topology.node_capacity || counts[3] > topology.tet_capacity)
+        return 0;
+    memset(&image, 0, sizeof image);
+    image.used = at + NDLI_TOPOLOGY_COUNTS * sizeof(int);
+    ndli_topology_walk(&topology, counts, &image);
+    return image.overflow || image.used > size ? 0 : image.used;
+}
+
+static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, size_t size, sb_error *error)
+{
+    ndli_rehearsal rehearsal;
+    sb_result result;
+    int counts[NDLI_TOPOLOGY_COUNTS];
+    size_t needles = ndli_remesh_needles_at(r, in, size, counts);
+    memset(&rehearsal, 0, sizeof rehearsal);
+    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
+    rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
+    rehearsal.node_end = counts[0];
+    result = ndli_rehearsal_begin(r, &rehearsal)
+                 ? ndli_rehearsal_play(r, &rehearsal, in + needles, error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
+    ndli_rehearsal_free(r, &rehearsal);
+    return result;
+}
+
+static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+{
+    ndli_remesh_head own;
+    ndli_remesh_fill_head(r, &own);
+    if (head->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
+    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
+        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
+        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
+        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
+    if (head->stale)
+        return SB_OK;
+    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it is not of the body's mesh");
+    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
+                        head->release_cursor);
+    return SB_OK;
+}
+
+/* Checks what follows an image's head; room = 1: makes room for the needles, which the checks have passed. */
+static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
+{
+    int memory[NDLI_TOPOLOGY_COUNTS];
+    sb_result result = SB_OK;
+    size_t at = ndli_remesh_needles_at(r, in, size, memory);
+    if (at == 0)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
+    if (result == SB_OK && !room)
+        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory, r->def.max_needles, error);
+    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
+        int counts[4];
+        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
+        at += used;
+        if (!used)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
+        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
+    return result;
+}
+
+/* ---- the part of the body's state ---- */
+
+/* By its name it comes before that of the needles, which are checked against it. */
+static const char ndli_remesh_name[] = "mesher";
+enum { NDLI_REMESH_VERSION = 1 };
+
+static void ndli_remesh_save_part(const void *user, sbi_state_out *out)
+{
+    const ndl_remesh *r = (const ndl_remesh *)user;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_remesh_write(r, r->stale ? 0 : ndli_remesh_hash_mesh(r->mesh), &image);
+    out->overflow |= image.overflow;
+}
+
+static void ndli_remesh_give_up_part(void *user)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    ndli_remesh_free_knowledge(r->staged);
+    if (r->staged)
+        sbi_free(&r->def.allocator, r->staged);
+    r->staged = NULL;
+}
+
+/* What needles had reserved, so that steps after a load take no more memory than before it. */
+static int ndli_remesh_stage_room(const ndl_remesh *r)
+{
+    int good = 1;
+    for (int i = 0; good && i < r->def.max_needles; i++) {
+        const ndli_needle *needle = r->needles + i;
+        int counts[3];
+        counts[0] = needle->node_capacity / 3 * 2; /* it takes half as many again */
+        counts[1] = needle->stack_capacity / 3 * 2;
+        counts[2] = needle->pool_capacity / 3 * 2;
+        good = ndli_remesh_make_room(r->staged, r->staged->needles + i, counts);
+    }
+    return good;
+}
+
+/* A remesher of the body that has nothing but its knowledge. */
+static sb_result ndli_remesh_stage(ndl_remesh *r, const sb_body *body, sb_error *error)
+{
+    ndl_remesh *staged = (ndl_remesh *)sbi_alloc_zeroed(&r->def.allocator, 1, sizeof *staged);
+    r->staged = staged;
+    if (staged) {
+        staged->def = r->def;
+        staged->mesh = &staged->topology;
+        staged->topology.allocator = r->def.allocator;
+        staged->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles,
+                                                          sizeof(ndli_needle));
+        if (staged->needles && ndli_topology_read(staged->mesh, body) && ndli_remesh_stage_room(r))
+            return SB_OK;
+    }
+    return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a saved remesher");
+}
+
+static sb_result ndli_remesh_check_part(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                        sb_error *error)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    ndli_remesh_head head;
+    sb_result result;
+    if (size < sizeof head)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
+    memcpy(&head, bytes, sizeof head);
+    result = ndli_remesh_stage(r, body, error);
+    if (result == SB_OK)
+        result = ndli_remesh_check_head(r->staged, &head, error);
+    if (result == SB_OK && head.stale && (head.stale != 1 || size != sizeof head))
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged in its head");
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_pass(r->staged, bytes, size, 0, error);
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_rehearse(r->staged, bytes, size, error);
+    if (result == SB_OK && !head.stale)
+        result = ndli_remesh_pass(r->staged, bytes, size, 1, error);
+    if (result != SB_OK) {
+        ndli_remesh_give_up_part(r);
+        return result;
+    }
+    r->staged->stale = head.stale;
+    if (!head.stale)
+        ndli_remesh_read(r->staged, body, bytes);
+    return SB_OK;
+}
+
+NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count)
+{
+    *count = remesh->staged->stale ? 0 : remesh->staged->needles[needle].count;
+    return remesh->staged->needles[needle].nodes;
+}
+
+static void ndli_remesh_load_part(void *user, const unsigned char *bytes, size_t size)
+{
+    ndl_remesh *r = (ndl_remesh *)user, *staged = r->staged, old = *r;
+    (void)bytes;
+    (void)size;
+    r->topology = staged->topology;
+    r->needles = staged->needles;
+    r->leaving = staged->leaving;
+    r->leaving_capacity = staged->leaving_capacity;
+    r->release_cursor = staged->release_cursor;
+    r->stale = staged->stale;
+    staged->topology = old.topology;
+    staged->needles = old.needles;
+    staged->leaving = old.leaving;
+    ndli_remesh_give_up_part(r);
+    ndli_topology_look(r->mesh, r->body);
+}
+
+/* ---- recording ---- */
+
+NDLI_API void ndli_remesh_hush(ndl_remesh *r)
+{
+    if (r)
+        sbi_body_mute(r->body);
+}
+
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count)
+{
+    int good = ints != NULL;
+    sbi_body_unmute(r->body);
+    for (size_t i = 0; i < real_count; i++)
+        good &= sb_is_finite(reals[i]);
+    if (good)
+        sbi_body_tell_part(r->body, ndli_remesh_name, ints, int_count, reals, real_count);
+}
+
+NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
+                                        sb_result result)
+{
+    int ints[5];
+    sb_real reals[5];
+    if (!r)
+        return;
+    if (!hit) {
+        ndli_remesh_tell(r, NULL, 0, NULL, 0);
+        return;
+    }
+    ints[0] = NDLI_COMMAND_PUNCTURE, ints[1] = needle, ints[2] = (int)result, ints[3] = hit->tet, ints[4] = hit->face;
+    reals[0] = hit->along, reals[1] = hit->X.x, reals[2] = hit->X.y, reals[3] = hit->X.z, reals[4] = slip;
+    ndli_remesh_tell(r, ints, 5, reals, 5);
+}
+
+NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result)
+{
+    int ints[3];
+    sb_real reals[3];
+    if (!r)
+        return;
+    ints[0] = forward ? NDLI_COMMAND_PENETRATE : NDLI_COMMAND_RETRACT, ints[1] = needle, ints[2] = (int)result;
+    reals[0] = X.x, reals[1] = X.y, reals[2] = X.z;
+    ndli_remesh_tell(r, ints, 3, reals, 3);
+}
+
+NDLI_API void ndli_remesh_tell_withdraw(ndl_remesh *r, int needle, sb_result result)
+{
+    int ints[3];
+    if (!r)
+        return;
+    ints[0] = NDLI_COMMAND_WITHDRAW, ints[1] = needle, ints[2] = (int)result;
+    ndli_remesh_tell(r, ints, 3, NULL, 0);
+}
+
+/* A recording cannot make a remesher, nor end one: it says so when it is played. */
+static void ndli_remesh_tell_life(ndl_remesh *r, ndli_remesh_command command)
+{
+    int ints[3];
+    ints[0] = (int)command, ints[1] = 0, ints[2] = SB_OK;
+    sbi_body_tell_part(r->body, ndli_remesh_name, ints, 3, NULL, 0);
+}
+
+NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error)
+{
+    sbi_state_part part;
+    sb_result result;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, ndli_remesh_name, sizeof ndli_remesh_name);
+    part.version = NDLI_REMESH_VERSION;
+    part.user = r;
+    part.save = ndli_remesh_save_part;
+    part.check = ndli_remesh_check_part;
+    part.load = ndli_remesh_load_part;
+    part.give_up = ndli_remesh_give_up_part;
+    part.replay = replay;
+    result = sbi_body_join(r->body, &part, error);
+    r->joined = result == SB_OK;
+    if (result == SB_ERROR_ARGUMENT)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the body has a remesher already");
+    if (r->joined)
+        ndli_remesh_tell_life(r, NDLI_COMMAND_MADE);
+    return result;
+}
+
+NDLI_API void ndli_remesh_leave(ndl_remesh *r)
+{
+    if (!r->joined)
+        return;
+    ndli_remesh_tell_life(r, NDLI_COMMAND_GONE);
+    sbi_body_leave(r->body, ndli_remesh_name);
+    r->joined = 0;
+}
+
+/* ==== src/needle/remesh.c ==== */
+/* remesh: candidates, their comparison, the stack, smoothing, release.
+ *
+ * Candidates are tried on a copy of the tets about the tip, the patch, so that nothing needs to be taken back; only the
+ * winner is done to the mesh. Two candidates are compared by the qualities they take away and bring: with D and C the
+ * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
+ * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
+ * union of what any candidate changes, without that union. */
+
+
+#include <limits.h>
+#include <string.h>
+
+enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
+enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
+enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
+       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
+enum {
+    NDLI_SLIDE_SAMPLES = 10,
+    NDLI_MAX_SUBSTEPS = 1000,
+    NDLI_STUCK = 16,
+    NDLI_RELEASES = 4,
+    NDLI_RATED = 16
+};
+#define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- memory ---- */
 
@@ -5864,6 +6729,7 @@ static void ndli_remesh_layout(ndl_remesh *r, sbi_arena *arena, size_t n)
     r->undone.tets = (ndli_patch_tet *)sbi_arena_take(arena, n, sizeof(ndli_patch_tet));
     r->moving = (int *)sbi_arena_take(arena, 2 * n + 8, 4 * sizeof(int));
     r->groups = (int *)sbi_arena_take(arena, 2 * n + 8, sizeof(int));
+    r->kept = (int *)sbi_arena_take(arena, n + 8, 4 * sizeof(int));
     for (int i = 0; i < 2; i++)
         r->sorted[i] = (sb_real *)sbi_arena_take(arena, 6 * n + 16, sizeof(sb_real));
 }
@@ -5894,36 +6760,6 @@ static int ndli_remesh_scratch(ndl_remesh *r, int needed)
     return 1;
 }
 
-static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
-{
-    size_t room = (size_t)needed + (size_t)needed / 2;
-    void *grown;
-    if (needed <= *capacity)
-        return 1;
-    grown = sbi_alloc(&r->def.allocator, room, size);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, (size_t)used * size);
-    sbi_free(&r->def.allocator, *array);
-    *array = grown;
-    *capacity = (int)room;
-    return 1;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    return good;
-}
-
 /* All that one operation may need, before anything changes. */
 static int ndli_remesh_reserve(ndl_remesh *r)
 {
@@ -5932,7 +6768,7 @@ static int ndli_remesh_reserve(ndl_remesh *r)
     counts[0] = needle->count + 1;
     counts[1] = needle->depth + 1;
     counts[2] = needle->pool_count + tets;
-    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
+    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -5953,8 +6789,8 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
 {
     if (!def || def->cookie != NDLI_REMESH_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_remesh_def");
-    if (!def->tissue || !def->tissue->block)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
     if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
@@ -5970,74 +6806,54 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
+/* ---- the body's own changes ---- */
+
+/* Others may change the mesh while no needle has. */
+static sb_result ndli_remesh_hear(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
-    ndl_remesh *made;
-    sb_result result = ndli_remesh_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    if (!remesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (made) {
-        made->def = *def;
-        made->mesh = def->tissue;
-        made->needles = (ndli_needle *)sbi_alloc_zeroed(&def->allocator, (size_t)def->max_needles, sizeof(ndli_needle));
-    }
-    if (!made || !made->needles || !ndli_remesh_scratch(made, 256)) {
-        ndl_remesh_destroy(made);
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
-    }
-    *remesh = made;
+    const ndl_remesh *r = (const ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    if (r->own || r->stale || ndli_topology_is_original(r->mesh))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_STATE, "needles have changed the mesh: draw them out before others change it");
+}
+
+static void ndli_remesh_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    r->stale = r->stale || !r->own;
+}
+
+/* Reads the body's mesh again once it is another: needles that were in it are not in this one. */
+static sb_result ndli_remesh_freshen(ndl_remesh *r, sb_error *error)
+{
+    if (!r->stale)
+        return SB_OK;
+    if (!ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read the mesh that the body now has");
+    for (int i = 0; i < r->def.max_needles; i++)
+        r->needles[i].count = r->needles[i].depth = r->needles[i].pool_count = 0;
+    r->release_cursor = 0;
+    r->stale = 0;
     return SB_OK;
 }
 
-NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
+NDLI_API sb_result ndli_remesh_look(ndl_remesh *remesh, sb_error *error)
 {
-    sb_allocator allocator;
-    if (!remesh)
-        return;
-    allocator = remesh->def.allocator;
-    for (int i = 0; remesh->needles && i < remesh->def.max_needles; i++) {
-        sbi_free(&allocator, remesh->needles[i].nodes);
-        sbi_free(&allocator, remesh->needles[i].stack);
-        sbi_free(&allocator, remesh->needles[i].pool);
-    }
-    sbi_free(&allocator, remesh->needles);
-    sbi_free(&allocator, remesh->scratch);
-    sbi_free(&allocator, remesh);
+    sb_result result = ndli_remesh_freshen(remesh, error);
+    if (result == SB_OK)
+        ndli_topology_look(remesh->mesh, remesh->body);
+    return result;
 }
 
-NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
-{
-    ndli_needle *n;
-    int counts[3];
-    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
-    if (needle < 0 || needle >= remesh->def.max_needles)
-        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
-    n = remesh->needles + needle;
-    counts[0] = counts[1] = nodes;
-    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
-    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
-    return SB_OK;
-}
+NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own) { remesh->own = own; }
+NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh) { return remesh->stale; }
+NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh) { return remesh->mesh; }
 
 /* ---- the patch ---- */
-
-static int ndli_remesh_has(const int nodes[4], int node)
-{
-    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
-}
-
-static int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
-{
-    for (int i = 0; i < size; i++)
-        if (!ndli_remesh_has(nodes, simplex[i]))
-            return 0;
-    return 1;
-}
 
 /* Nodes of the needle counted from its tip; -1 when there are not so many. */
 static int ndli_remesh_from_tip(const ndli_needle *needle, int i)
@@ -6070,7 +6886,7 @@ static void ndli_remesh_end_gather(ndl_remesh *r)
 /* Adds the tets of a node that are not there yet; 0: no memory. */
 static int ndli_remesh_gather(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     for (int k = node < 0 ? -1 : mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
         ndli_patch_tet *to;
         int tet = k / 4;
@@ -6094,7 +6910,7 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
 /* Tet that was cut, from its parts: the part that has `node` in place of simplex[j] knows the face opposite that. */
 static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, const int *parts, ndli_patch_tet *parent)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
     parent->skin = 0;
@@ -6107,7 +6923,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
 }
 
@@ -6120,7 +6936,7 @@ static sb_real ndli_remesh_least_weight(const ndl_remesh *r, const int nodes[4],
 {
     const sb_vec3 *p = r->mesh->X;
     sb_real w[4];
-    ndli_tissue_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
+    ndli_tet_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
     return sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
 }
 
@@ -6175,7 +6991,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
-    return ndli_tissue_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
+    return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
                                ndli_remesh_at(r, n[3]));
 }
 
@@ -6375,8 +7191,8 @@ typedef enum ndli_move {
 static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
 {
     int flags = r->mesh->node_flags[node];
-    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
-           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+    return (flags & (NDLI_NODE_FIXED | NDLI_NODE_BOUNDARY)) ||
+           ((flags & (NDLI_NODE_INTERFACE | NDLI_NODE_CREATED)) == NDLI_NODE_INTERFACE &&
             r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
 }
 
@@ -6390,7 +7206,7 @@ static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
     if (ndli_remesh_is_bound(r, node))
         return 0;
-    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -6584,7 +7400,7 @@ static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
 static sb_real ndli_remesh_draft_quality(const ndli_draft *d, int tet)
 {
     const int *n = d->tets + 4 * (size_t)tet;
-    return ndli_tissue_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
+    return ndli_tet_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
 }
 
 static void ndli_remesh_draft_stars(ndl_remesh *r)
@@ -6607,11 +7423,11 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
     for (int i = 0; i < r->table_count; i++) {
         int node = r->table[i], flags = r->mesh->node_flags[node];
-        int fixed = (flags & (NDL_NODE_BOUNDARY | NDL_NODE_FIXED)) ||
-                    ((flags & NDL_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+        int fixed = (flags & (NDLI_NODE_BOUNDARY | NDLI_NODE_FIXED)) ||
+                    ((flags & NDLI_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
         if (c->drops_tip && node == tip)
-            flags &= ~NDL_NODE_NEEDLE;
-        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
+            flags &= ~NDLI_NODE_NEEDLE;
+        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDLI_NODE_NEEDLE))
             fixed = 1;
         r->draft.is_free[i] = (unsigned char)(!fixed && r->table_whole[i]);
     }
@@ -6929,7 +7745,11 @@ static void ndli_remesh_pop(ndl_remesh *r, int index)
 {
     ndli_needle *needle = r->needles + index;
     const ndli_split *top = needle->stack + needle->depth - 1;
-    ndli_tissue_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
+    ndli_leaving *leaving = r->leaving + r->leaving_count++;
+    leaving->node = top->node;
+    leaving->size = top->size;
+    memcpy(leaving->simplex, top->simplex, sizeof leaving->simplex);
+    ndli_topology_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
     needle->pool_count = top->first;
     needle->depth--;
 }
@@ -6948,50 +7768,223 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
     r->mesh->owner[node] = r->needle;
 }
 
-/* Does the best candidate; returns the node at X_new. */
-static int ndli_remesh_do(ndl_remesh *r, int start)
+/* ---- the body follows ---- */
+
+enum { NDLI_MAX_HEIRS = 32 };
+
+typedef struct ndli_heirs {
+    int nodes[NDLI_MAX_HEIRS], count;
+    sb_real weights[NDLI_MAX_HEIRS];
+} ndli_heirs;
+
+static const ndli_leaving *ndli_remesh_leaving(const ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    for (int i = 0; i < r->leaving_count; i++)
+        if (r->leaving[i].node == node)
+            return r->leaving + i;
+    return NULL;
+}
+
+static void ndli_remesh_add_heir(ndli_heirs *heirs, int node, sb_real weight)
+{
+    for (int k = 0; k < heirs->count; k++)
+        if (heirs->nodes[k] == node) {
+            heirs->weights[k] += weight;
+            return;
+        }
+    heirs->nodes[heirs->count] = node;
+    heirs->weights[heirs->count++] = weight;
+}
+
+/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that go, too,
+ * stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
+static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *heirs)
+{
+    const ndli_leaving *l = ndli_remesh_leaving(r, node);
+    heirs->count = 0;
+    for (int k = 0; l && k < l->size; k++)
+        ndli_remesh_add_heir(heirs, l->simplex[k], (sb_real)1 / (sb_real)l->size);
+    for (int i = 0; i < heirs->count;) {
+        sb_real weight = heirs->weights[i];
+        int parts;
+        l = ndli_remesh_leaving(r, heirs->nodes[i]);
+        if (!l) {
+            i++;
+            continue;
+        }
+        heirs->count--;
+        heirs->nodes[i] = heirs->nodes[heirs->count];
+        heirs->weights[i] = heirs->weights[heirs->count];
+        parts = heirs->count + l->size <= NDLI_MAX_HEIRS ? l->size : 1;
+        for (int k = 0; k < parts; k++)
+            ndli_remesh_add_heir(heirs, l->simplex[k], weight / (sb_real)parts);
+        i = 0;
+    }
+}
+
+/* Moved nodes first: where their motion comes from is named by the slots of before. */
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int plan = 0;
+    for (int i = 0; i < c->node_count && result == SB_OK; i++)
+        if (!c->nodes[i].created)
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
+                                              4, error);
+    for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
+        int event = c->node_events[i].node, slot = 0;
+        ndli_heirs heirs;
+        if (event < 0) {
+            ndli_remesh_find_heirs(r, ~event, &heirs);
+            result = sb_body_change_remove_node(to, ~event, heirs.nodes, heirs.weights, heirs.count, error);
+            continue;
+        }
+        while (!c->nodes[plan].created)
+            plan++;
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
+                                         error);
+        SB_ASSERT(result != SB_OK || slot == event);
+        plan++;
+    }
+    return result;
+}
+
+static sb_change_cell ndli_remesh_cell(const ndl_remesh *r, int tet, int parent)
+{
+    sb_change_cell cell = sb_default_change_cell();
+    cell.nodes = r->mesh->tets + 4 * (size_t)tet;
+    cell.parent = parent;
+    return cell;
+}
+
+/* 1: a node of the tet has come, maybe in the slot of one that has gone. */
+static int ndli_remesh_is_renewed(const ndli_topology_change *c, const int nodes[4])
+{
+    for (int i = 0; i < c->node_event_count; i++)
+        if (c->node_events[i].node >= 0 && ndli_remesh_has(nodes, c->node_events[i].node))
+            return 1;
+    return 0;
+}
+
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
+        int event = c->tet_events[i], slot = 0;
+        if (event < 0) {
+            result = sb_body_change_remove_cell(to, ~event, error);
+        } else {
+            sb_change_cell cell = ndli_remesh_cell(r, event, r->mesh->parents[event]);
+            result = sb_body_change_add_cell(to, &cell, &slot, error);
+            SB_ASSERT(result != SB_OK || slot == event);
+        }
+    }
+    for (int i = 0; i < c->changed_count && result == SB_OK; i++) {
+        int tet = c->changed[i];
+        sb_change_cell cell = ndli_remesh_cell(r, tet, tet);
+        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0 ||
+            ndli_remesh_is_renewed(c, cell.nodes))
+            result = sb_body_change_replace_cell(to, tet, &cell, error);
+    }
+    return result;
+}
+
+/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at the
+ * begin. */
+static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
+{
+    ndli_topology_change change;
+    sb_body_change *to = NULL;
+    sb_result result;
+    ndli_topology_end(r->mesh, &change);
+    result = sb_body_change_begin(r->body, &to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_nodes(r, &change, to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_tets(r, &change, to, error);
+    r->own = 1;
+    if (result == SB_OK)
+        result = sb_body_change_commit(to, error);
+    r->own = 0;
+    r->leaving_count = 0;
+    if (result != SB_OK) {
+        sb_body_change_cancel(to);
+        ndli_topology_take_back(r->mesh, r->body);
+    }
+    r->mesh->x = sb_body_positions(r->body);
+    return result;
+}
+
+/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of the
+ * smoothed nodes. */
+static int ndli_remesh_plan_moves(ndl_remesh *r, int *slide)
+{
+    ndli_topology *mesh = r->mesh;
     const ndli_candidate *c = r->final;
-    int plan, slide = -1, node, first_move;
-    ndli_tissue_begin(mesh);
-    plan = ndli_tissue_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
-    first_move = mesh->change_count;
+    int first = mesh->change_count;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
-    if (c->slid_moves)
-        slide = ndli_tissue_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
+        ndli_topology_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
+    *slide = c->slid_moves ? ndli_topology_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4) : -1;
+    return first;
+}
+
+/* Does the best candidate; *node: the one at X_new. */
+static sb_result ndli_remesh_do(ndl_remesh *r, int start, int *node, sb_error *error)
+{
+    ndli_topology *mesh = r->mesh;
+    ndli_needle *needle = r->needles + r->needle;
+    const ndli_candidate *c = r->final;
+    int plan, slide, first_move, depth = needle->depth, pool_count = needle->pool_count;
+    ndli_split top;
+    sb_result result;
+    memset(&top, 0, sizeof top);
+    if (c->undo) {
+        top = needle->stack[depth - 1];
+        memcpy(r->kept, needle->pool + top.first, (size_t)(pool_count - top.first) * sizeof(int));
+    }
+    ndli_topology_begin(mesh);
+    plan = ndli_topology_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
+    first_move = ndli_remesh_plan_moves(r, &slide);
     if (c->undo)
         ndli_remesh_pop(r, r->needle);
     if (c->size == 1) {
-        ndli_tissue_move(mesh, plan);
+        ndli_topology_move(mesh, plan);
     } else {
-        int count = ndli_tissue_cut(mesh, c->simplex, c->size, plan, r->groups);
+        int count = ndli_topology_cut(mesh, c->simplex, c->size, plan, r->groups);
         ndli_remesh_push_split(r, c, mesh->changes[plan].node, count);
     }
-    node = mesh->changes[plan].node;
+    *node = mesh->changes[plan].node;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_move(mesh, first_move + i);
+        ndli_topology_move(mesh, first_move + i);
     if (slide >= 0)
-        ndli_tissue_move(mesh, slide);
-    ndli_tissue_end(mesh);
+        ndli_topology_move(mesh, slide);
+    result = ndli_remesh_commit(r, error);
+    if (result != SB_OK) {
+        needle->depth = depth;
+        needle->pool_count = pool_count;
+        if (c->undo) {
+            needle->stack[depth - 1] = top;
+            memcpy(needle->pool + top.first, r->kept, (size_t)(pool_count - top.first) * sizeof(int));
+        }
+        return result;
+    }
     r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
-    return node;
+    return SB_OK;
 }
 
 static void ndli_remesh_release_node(ndl_remesh *r, int node)
 {
-    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDL_NODE_NEEDLE);
-    if (!(r->mesh->node_flags[node] & NDL_NODE_CREATED))
+    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDLI_NODE_NEEDLE);
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_CREATED))
         r->mesh->owner[node] = -1;
 }
 
 static void ndli_remesh_add_node(ndl_remesh *r, int node)
 {
     ndli_needle *needle = r->needles + r->needle;
-    r->mesh->node_flags[node] |= NDL_NODE_NEEDLE;
+    r->mesh->node_flags[node] |= NDLI_NODE_NEEDLE;
     r->mesh->owner[node] = r->needle;
     if (ndli_remesh_from_tip(needle, 0) != node)
         needle->nodes[needle->count++] = node;
@@ -6999,7 +7992,7 @@ static void ndli_remesh_add_node(ndl_remesh *r, int node)
 
 /* ---- afterwards: release ---- */
 
-static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
+static sb_real ndli_remesh_star_least(const ndli_topology *mesh, int node)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
@@ -7008,7 +8001,7 @@ static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
 }
 
 /* Worst quality about a node if it were at X; anything <= floor when that is not better than floor. */
-static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec3 X, sb_real floor)
+static sb_real ndli_remesh_star_at(const ndli_topology *mesh, int node, sb_vec3 X, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0 && least > floor; k = mesh->corner_next[k]) {
@@ -7016,7 +8009,7 @@ static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec
         sb_vec3 p[4];
         for (int c = 0; c < 4; c++)
             p[c] = n[c] == node ? X : mesh->X[n[c]];
-        least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+        least = sb_min(least, ndli_tet_quality(p[0], p[1], p[2], p[3]));
     }
     return least;
 }
@@ -7031,29 +8024,30 @@ static int ndli_remesh_is_ours(const ndl_remesh *r, int node)
     return 1;
 }
 
-static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
+/* 1: done; 0: the body refuses. */
+static int ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
-    ndli_tissue_move(mesh, ndli_tissue_plan(mesh, node, X, mesh->node_star[node] / 4));
-    ndli_tissue_end(mesh);
+    ndli_topology *mesh = r->mesh;
+    ndli_topology_begin(mesh);
+    ndli_topology_move(mesh, ndli_topology_plan(mesh, node, X, mesh->node_star[node] / 4));
+    return ndli_remesh_commit(r, NULL) == SB_OK;
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
 static int ndli_remesh_send_home(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     sb_vec3 way = sb_v3_sub(mesh->X0[node], mesh->X[node]);
     sb_real enough;
-    if ((mesh->node_flags[node] & NDL_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
+    if ((mesh->node_flags[node] & NDLI_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
         return 0;
     enough = sb_min(ndli_remesh_star_least(mesh, node), r->def.release_above);
     for (int quarters = 4; quarters > 0; quarters--) {
         sb_vec3 X = quarters == 4 ? mesh->X0[node] : sb_v3_madd(mesh->X[node], (sb_real)quarters / 4, way);
         if (ndli_remesh_star_at(mesh, node, X, 0) >= enough) {
-            ndli_remesh_move_node(r, node, X);
-            r->info.released++;
-            return 1;
+            int moved = ndli_remesh_move_node(r, node, X);
+            r->info.released += moved;
+            return moved;
         }
     }
     return 0;
@@ -7064,9 +8058,10 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
 {
     const ndli_needle *needle = r->needles + index;
     const ndli_split *top = ndli_remesh_top(needle);
+    int depth = needle->depth, pool_count = needle->pool_count;
     ndli_patch_tet parent;
     sb_real least = SB_REAL_MAX;
-    if (!top || (r->mesh->node_flags[top->node] & NDL_NODE_NEEDLE))
+    if (!top || (r->mesh->node_flags[top->node] & NDLI_NODE_NEEDLE))
         return 0;
     for (int g = 0; g < top->count; g++) {
         ndli_remesh_parent(r, top, needle->pool + top->first + top->size * g, &parent);
@@ -7074,16 +8069,19 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
     }
     if (!(least >= sb_min(ndli_remesh_star_least(r->mesh, top->node), r->def.release_above)))
         return 0;
-    ndli_tissue_begin(r->mesh);
+    ndli_topology_begin(r->mesh);
     ndli_remesh_pop(r, index);
-    ndli_tissue_end(r->mesh);
-    return 1;
+    if (ndli_remesh_commit(r, NULL) == SB_OK)
+        return 1;
+    r->needles[index].depth = depth;
+    r->needles[index].pool_count = pool_count;
+    return 0;
 }
 
 /* A few nodes each time, in turn. */
 static void ndli_remesh_release(ndl_remesh *r)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     int tries = sbi_min_int(mesh->displaced_count, NDLI_RELEASES);
     for (int i = 0; i < r->def.max_needles; i++)
         while (ndli_remesh_pop_spare(r, i))
@@ -7162,7 +8160,8 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 {
     ndli_needle *needle = r->needles + r->needle;
     int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
-    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node, flags, owner, count;
+    sb_result result;
     memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
     if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
@@ -7181,11 +8180,20 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (r->outcome < sb_min(r->before, r->enough))
         return ndli_remesh_fail_operation(r, error);
+    flags = r->mesh->node_flags[tip];
+    owner = r->mesh->owner[tip];
+    count = needle->count;
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
     }
-    node = ndli_remesh_do(r, start);
+    result = ndli_remesh_do(r, start, &node, error);
+    if (result != SB_OK) {
+        needle->count = count;
+        r->mesh->node_flags[tip] = (unsigned char)flags;
+        r->mesh->owner[tip] = owner;
+        return result;
+    }
     ndli_remesh_add_node(r, node);
     r->info.substeps++;
     ndli_remesh_tidy(r);
@@ -7196,10 +8204,14 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 
 static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, ndl_remesh_info *info, sb_error *error)
 {
+    sb_result result;
     if (!r)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
     if (needle < 0 || needle >= r->def.max_needles)
         return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, r->def.max_needles);
+    result = ndli_remesh_look(r, error);
+    if (result != SB_OK)
+        return result;
     if (is_in >= 0 && (r->needles[needle].count > 0) != is_in)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle,
                         is_in ? "not in" : "already in");
@@ -7215,7 +8227,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
 
 NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     sb_real shortest = SB_REAL_MAX;
     int tip, behind;
     if (!remesh || needle < 0 || needle >= remesh->def.max_needles || !remesh->needles[needle].count)
@@ -7234,7 +8246,7 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 
 static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     sb_real share = 1; /* of the limit, smaller while no operation is found */
     for (int i = 0; i < NDLI_MAX_SUBSTEPS; i++) {
         int tip = ndli_remesh_from_tip(r->needles + r->needle, 0), last, tet;
@@ -7244,7 +8256,7 @@ static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, s
         last = !(length > limit);
         if (!last)
             to = sb_v3_madd(mesh->X[tip], limit / length, way);
-        tet = ndl_tissue_mesh_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
+        tet = ndli_topology_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
         if (tet < 0) {
             r->info.outside = 1;
             return SB_OK;
@@ -7282,13 +8294,13 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info)
 {
-    const ndl_tissue_mesh *mesh = remesh->mesh;
+    const ndli_topology *mesh = remesh->mesh;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
     int tip, tet;
     if (result != SB_OK)
         return result;
     tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    tet = ndli_topology_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
     remesh->enough = enough;
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
@@ -7299,16 +8311,23 @@ NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3
 NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                        sb_error *error)
 {
-    return ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 1, result);
+    return result;
 }
 
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error)
 {
     ndl_remesh_info done;
-    sb_result result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
     if (result == SB_OK && done.outside)
-        ndl_remesh_withdraw(remesh, needle, NULL, NULL);
+        result = ndl_remesh_withdraw(remesh, needle, NULL, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 0, result);
     if (result == SB_OK && done.outside)
         done.worst_quality = 1;
     if (info && remesh)
@@ -7356,7 +8375,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
+        (r->mesh->node_flags[simplex[0]] & (NDLI_NODE_FIXED | NDLI_NODE_INTERFACE)))
         return;
     if (!ndli_remesh_keeps_skin(r))
         return;
@@ -7412,7 +8431,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     if (!hit)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "hit is NULL");
     if (hit->tet < 0 || hit->tet >= mesh->tet_end || mesh->tets[4 * (size_t)hit->tet] < 0 || hit->face < 0 ||
@@ -7428,7 +8447,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
 
 static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
 {
-    int holder[4], face[3], k = 0, good = 1, node;
+    int holder[4], face[3], k = 0, good = 1, node = -1;
+    sb_result result = SB_OK;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
@@ -7451,8 +8471,10 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else
-        node = ndli_remesh_do(r, hit->tet);
-    r->mesh->node_flags[node] |= NDL_NODE_BOUNDARY;
+        result = ndli_remesh_do(r, hit->tet, &node, error);
+    if (result != SB_OK)
+        return result;
+    r->mesh->node_flags[node] |= NDLI_NODE_BOUNDARY;
     ndli_remesh_add_node(r, node);
     r->info.substeps = 1;
     ndli_remesh_tidy(r);
@@ -7475,26 +8497,41 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    sb_real slip = remesh ? remesh->def.entry_slip : 0;
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_puncture_within(remesh, needle, hit, slip, info, error);
+    ndli_remesh_tell_puncture(remesh, needle, hit, slip, result);
+    return result;
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
-static void ndli_remesh_restore(ndl_remesh *r)
+static sb_result ndli_remesh_restore(ndl_remesh *r, sb_error *error)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
+    ndli_topology *mesh = r->mesh;
+    sb_result result;
+    ndli_topology_begin(mesh);
     for (int i = 0; i < mesh->displaced_count; i++) {
         int node = mesh->displaced[i];
-        ndli_tissue_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
+        ndli_topology_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
     }
     for (int i = 0; i < r->def.max_needles; i++)
-        while (r->needles[i].depth)
+        for (r->needles[i].undone = 0; r->needles[i].depth; r->needles[i].undone++)
             ndli_remesh_pop(r, i);
     for (int i = 0; i < mesh->change_count; i++)
-        ndli_tissue_move(mesh, i);
-    ndli_tissue_end(mesh);
-    ndli_tissue_reset_densities(mesh);
-    r->info.released += mesh->change_count;
+        ndli_topology_move(mesh, i);
+    result = mesh->change_count || mesh->node_event_count ? ndli_remesh_commit(r, error) : SB_OK;
+    for (int i = 0; i < r->def.max_needles && result != SB_OK; i++) {
+        ndli_needle *needle = r->needles + i;
+        needle->depth = needle->undone;
+        if (needle->depth) {
+            const ndli_split *top = needle->stack + needle->depth - 1;
+            needle->pool_count = top->first + top->size * top->count;
+        }
+    }
+    if (result == SB_OK)
+        r->info.released += mesh->change_count;
+    return result;
 }
 
 /* As much of it as leaves sound tets: other needles are still in. */
@@ -7512,25 +8549,62 @@ static void ndli_remesh_restore_partly(ndl_remesh *r)
     }
 }
 
-NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+/* The needle's nodes in the tissue are on it (in), or are like others. */
+static void ndli_remesh_mark(ndl_remesh *r, int needle, int in)
+{
+    const ndli_needle *n = r->needles + needle;
+    for (int i = 0; i < n->count; i++) {
+        if (in) {
+            r->mesh->node_flags[n->nodes[i]] |= NDLI_NODE_NEEDLE;
+            r->mesh->owner[n->nodes[i]] = needle;
+        } else {
+            ndli_remesh_release_node(r, n->nodes[i]);
+        }
+    }
+}
+
+static sb_result ndli_remesh_do_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, -1, info, error);
-    int others = 0;
+    int others = 0, count;
     if (result != SB_OK || !remesh->needles[needle].count)
         return result;
-    for (int i = 0; i < remesh->needles[needle].count; i++)
-        ndli_remesh_release_node(remesh, remesh->needles[needle].nodes[i]);
+    count = remesh->needles[needle].count;
+    ndli_remesh_mark(remesh, needle, 0);
     remesh->needles[needle].count = 0;
     for (int i = 0; i < remesh->def.max_needles; i++)
         others += remesh->needles[i].count > 0;
     if (others)
         ndli_remesh_restore_partly(remesh);
     else
-        ndli_remesh_restore(remesh);
+        result = ndli_remesh_restore(remesh, error);
+    if (result != SB_OK) {
+        remesh->needles[needle].count = count;
+        ndli_remesh_mark(remesh, needle, 1);
+        return result;
+    }
     remesh->info.outside = 1;
     if (info)
         *info = remesh->info;
     return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+{
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_do_withdraw(remesh, needle, info, error);
+    ndli_remesh_tell_withdraw(remesh, needle, result);
+    return result;
+}
+
+NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle)
+{
+    if (ndl_remesh_withdraw(remesh, needle, NULL, NULL) == SB_OK)
+        return;
+    if (!remesh->stale)
+        ndli_remesh_mark(remesh, needle, 0);
+    remesh->needles[needle].count = 0;
 }
 
 NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *count)
@@ -7543,7 +8617,7 @@ NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *c
 
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     int count, start, tet;
     const int *nodes = ndl_remesh_nodes(remesh, needle, &count);
     sb_real most = -SB_REAL_MAX;
@@ -7551,11 +8625,11 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndl_tissue_mesh_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         least = sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
         if (least > most) {
             most = least;
@@ -7565,7 +8639,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
     {
         const int *n = mesh->tets + 4 * (size_t)(tet < 0 ? start : tet);
         sb_real w[4];
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         *X = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
             *X = sb_v3_madd(*X, w[c], mesh->X[n[c]]);
@@ -7578,3868 +8652,193 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
 }
 
-/* ---- state ---- */
-
-static const char ndli_remesh_magic[9] = "NDLREME\x1a";
-
-typedef struct ndli_remesh_head {
-    double smooth_below, release_above, entry_slip;
-    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
-    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
-} ndli_remesh_head;
-
-static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+NDL_API int ndl_remesh_hit(const ndl_remesh *remesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
 {
-    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
-    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
-    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+    return remesh && !remesh->stale ? ndli_topology_hit(remesh->mesh, from, to, hit) : 0;
 }
 
-static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
+                                sb_real *max_dihedral)
 {
-    memset(h, 0, sizeof *h);
-    h->smooth_below = (double)r->def.smooth_below;
-    h->release_above = (double)r->def.release_above;
-    h->entry_slip = (double)r->def.entry_slip;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_needles = r->def.max_needles;
-    h->interfaces = (int)r->def.interfaces;
-    h->max_smoothed = r->def.max_smoothed;
-    h->release_cursor = r->release_cursor;
+    if (remesh && !remesh->stale)
+        ndli_topology_quality(remesh->mesh, worst_quality, min_dihedral, max_dihedral);
 }
 
-/* A split's simplex in four places, those that it does not use 0. */
-static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions)
 {
-    ndli_split whole;
-    memset(&whole, 0, sizeof whole);
-    if (image->out) {
-        whole = *split;
-        for (int i = whole.size; i < 4; i++)
-            whole.simplex[i] = 0;
-    }
-    ndli_image_part(image, &whole, 1, sizeof whole);
-    if (image->in)
-        *split = whole;
-}
-
-/* counts: [3] nodes, splits, pool */
-static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
-{
-    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
-        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
-    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
-}
-
-/* Measures or writes. */
-static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
-{
-    ndli_remesh_head head;
-    ndli_remesh_fill_head(r, &head);
-    head.mesh = mesh;
-    ndli_image_part(image, &head, 1, sizeof head);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
-        ndli_image_part(image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, image);
-    }
-}
-
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    ndli_remesh_write(r, 0, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
-{
-    size_t sum = ndli_image_room(sizeof(ndli_remesh_head));
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const ndli_needle *needle = r->needles + i;
-        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
-               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
-               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
-    }
-    return sum;
-}
-
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_remesh_write(r, 0, &image);
-}
-
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
-{
-    ndli_remesh_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    r->release_cursor = head.release_cursor;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4];
-        ndli_image_part(&image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, &image);
-        r->needles[i].count = counts[0];
-        r->needles[i].depth = counts[1];
-        r->needles[i].pool_count = counts[2];
-    }
-}
-
-/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
-{
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
-        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
-        return 0;
-    for (int i = 0; i < s->size; i++) {
-        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
-            return 0;
-        for (int j = 0; j < i; j++)
-            if (s->simplex[i] == s->simplex[j])
-                return 0;
-    }
-    return 1;
-}
-
-static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
-{
-    for (int i = 0; i < count; i++) {
-        int slot = ndli_image_int(slots, (size_t)i);
-        if (slot < 0 || slot >= end)
-            return 0;
-    }
-    return 1;
-}
-
-/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
- * out */
-static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
-{
-    ndli_needle none;
-    ndli_image image;
-    size_t stack, pool;
-    memset(&none, 0, sizeof none);
-    memset(&image, 0, sizeof image);
-    image.used = 4 * sizeof(int);
-    if (left < image.used)
-        return 0;
-    memcpy(counts, in, 4 * sizeof(int));
-    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
-        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
-        return 0;
-    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
-    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-    ndli_remesh_walk_needle(&none, counts, &image);
-    if (image.overflow || image.used > left ||
-        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
-        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
-        return 0;
-    for (int i = 0; i < counts[1]; i++) {
-        ndli_split split;
-        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
-        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
-            return 0;
-    }
-    return image.used;
-}
-
-/* ---- the rehearsal of an image ----
- * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
- * of an image are undone on a copy of the tissue's topology first. */
-typedef struct ndli_rehearsal {
-    const ndl_tissue_mesh *mesh;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
-    unsigned char *threaded; /* [node_end] 1: on a needle */
-} ndli_rehearsal;
-
-static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
-{
-    for (int c = 0; c < 4; c++)
-        h->stars[nodes[c]] += step;
-}
-
-/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
-static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
-{
-    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
-    for (int j = 0; j < s->size; j++) {
-        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
-            return 0;
-        h->takers[parts[j]] = needle;
-    }
-    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
-        return 0;
-    for (int c = 0; c < 4; c++)
-        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
-    if (!ndli_remesh_holds(whole, s->simplex, s->size))
-        return 0;
-    for (int j = 1; j < s->size; j++) {
-        int *part = h->tets + 4 * (size_t)parts[j];
+    const ndli_topology *mesh;
+    const sb_vec3 *x;
+    if (!remesh || !positions)
+        return SB_ERROR_ARGUMENT;
+    if (remesh->stale)
+        return SB_ERROR_STATE;
+    mesh = remesh->mesh;
+    x = sb_body_positions(remesh->body);
+    memcpy(positions, x, (size_t)mesh->original_nodes * sizeof *x);
+    for (int i = 0; i < mesh->displaced_count; i++) {
+        int node = mesh->displaced[i];
+        sb_real w[4];
+        const int *n = mesh->tets + 4 * (size_t)ndli_topology_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
+        positions[node] = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
-            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
-                return 0;
-        ndli_rehearsal_count(h, part, -1);
-        part[0] = -1;
+            positions[node] = sb_v3_madd(positions[node], w[c], x[n[c]]);
     }
-    ndli_rehearsal_count(h, first, -1);
-    ndli_rehearsal_count(h, whole, 1);
-    memcpy(first, whole, sizeof whole);
-    return 1;
-}
-
-/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
-static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
-                               int pool_count, int needle)
-{
-    int end = pool_count;
-    for (int i = depth - 1; i >= 0; i--) {
-        ndli_split s;
-        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
-            h->stars[s.simplex[0]] < 1)
-            return 0;
-        end = s.first;
-        for (int g = 0; g < s.count; g++) {
-            int parts[4];
-            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
-            if (!ndli_rehearsal_join(h, &s, parts, needle))
-                return 0;
-        }
-        if (h->stars[s.node] != 0)
-            return 0;
-        h->stars[s.node] = -1;
-    }
-    return end == 0;
-}
-
-/* Nodes of a needle, entry first: its own, each once, joined by edges. */
-static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
-{
-    const ndl_tissue_mesh *mesh = h->mesh;
-    for (int i = 0; i < count; i++) {
-        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
-            return 0;
-        h->threaded[node] = 1;
-        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
-            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
-        if (!joined)
-            return 0;
-    }
-    return 1;
-}
-
-static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    sbi_free(&r->def.allocator, h->tets);
-    sbi_free(&r->def.allocator, h->stars);
-    sbi_free(&r->def.allocator, h->takers);
-    sbi_free(&r->def.allocator, h->threaded);
-}
-
-/* 0: no memory. */
-static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
-    h->mesh = r->mesh;
-    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
-    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
-    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
-    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
-    if (!h->tets || !h->stars || !h->takers || !h->threaded)
-        return 0;
-    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
-    for (size_t t = 0; t < tets; t++) {
-        h->takers[t] = -1;
-        if (h->tets[4 * t] >= 0)
-            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
-    }
-    return 1;
-}
-
-/* Every needle of an image whose indices are in their ranges. */
-static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
-{
-    const ndl_tissue_mesh *mesh = r->mesh;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
-        int counts[4];
-        memcpy(counts, in, sizeof counts);
-        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
-        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
-            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the tissue", i);
-        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
-    }
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
-            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
     return SB_OK;
 }
 
-static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, sb_error *error)
+NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh)
 {
-    ndli_rehearsal rehearsal;
-    sb_result result;
-    memset(&rehearsal, 0, sizeof rehearsal);
-    result = ndli_rehearsal_begin(r, &rehearsal)
-                 ? ndli_rehearsal_play(r, &rehearsal, in + ndli_image_room(sizeof(ndli_remesh_head)), error)
-                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
-    ndli_rehearsal_free(r, &rehearsal);
-    return result;
+    return remesh && (remesh->stale || ndli_topology_is_original(remesh->mesh));
 }
 
-static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+/* Whether the body has these tets at these places. */
+static sb_result ndli_remesh_check_cells(const ndl_remesh *r, sb_error *error)
 {
-    ndli_remesh_head own;
-    ndli_remesh_fill_head(r, &own);
-    if (head->order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
-    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
-        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
-        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
-    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
-    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
-                        head->release_cursor);
-    return SB_OK;
-}
-
-/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
-static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
-{
-    ndli_remesh_head head;
-    size_t at = sizeof head;
-    sb_result result = SB_OK;
-    if (size < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
-    memcpy(&head, in, sizeof head);
-    if (!room)
-        result = ndli_remesh_check_head(r, &head, error);
-    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
-        int counts[4];
-        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
-        at += used;
-        if (!used)
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
-        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    const ndli_topology *mesh = r->mesh;
+    const sb_vec3 *X = sb_body_rest_positions(r->body);
+    for (int t = 0; t < mesh->tet_end; t++) {
+        const int *own = mesh->tets + 4 * (size_t)t, *cell = sb_body_cell_nodes(r->body, t);
+        if ((own[0] >= 0) != (cell != NULL) || (cell && memcmp(own, cell, 4 * sizeof(int)) != 0))
+            return sbi_fail_element(error, SB_ERROR_MESH, t, "tet %d is not the body's", t);
+        for (int c = 0; cell && c < 4; c++)
+            if (memcmp(X + cell[c], mesh->X + cell[c], sizeof *X) != 0)
+                return sbi_fail_node(error, SB_ERROR_MESH, cell[c], "node %d is elsewhere in the body", cell[c]);
     }
-    if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
-    return result;
-}
-
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
-{
-    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_remesh_state_size(remesh);
-    ndli_image image;
-    if (!remesh || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
-    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error)
 {
-    const unsigned char *in;
     sb_result result;
     if (!remesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
-    if (result != SB_OK)
+    if (remesh->stale)
+        return SB_OK;
+    result = ndli_topology_check(remesh->mesh, error);
+    return result == SB_OK ? ndli_remesh_check_cells(remesh, error) : result;
+}
+
+/* ---- recording ---- */
+
+static sb_result ndli_remesh_repeat(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    int needle = ints[1];
+    if (ints[0] == NDLI_COMMAND_PUNCTURE && int_count == 5 && real_count == 5) {
+        ndl_surface_hit hit;
+        hit.tet = ints[3], hit.face = ints[4], hit.along = reals[0], hit.X = sb_v3(reals[1], reals[2], reals[3]);
+        return ndli_remesh_puncture_within(r, needle, &hit, reals[4], NULL, error);
+    }
+    if (ints[0] == NDLI_COMMAND_PENETRATE && real_count == 3)
+        return ndl_remesh_penetrate(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_RETRACT && real_count == 3)
+        return ndl_remesh_retract(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_WITHDRAW)
+        return ndl_remesh_withdraw(r, needle, NULL, error);
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that there is not");
+}
+
+static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    sb_result result;
+    if (int_count < 3)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
+    if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+    ndli_remesh_hush(r);
+    result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
+    ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
+    if (result == SB_ERROR_FORMAT)
         return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    result = ndli_remesh_pass(remesh, in, size, 0, error);
-    if (result == SB_OK)
-        result = ndli_remesh_rehearse(remesh, in, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 1, error);
-    if (result == SB_OK)
-        ndli_remesh_rewind(remesh, in);
-    return result;
-}
-
-/* ==== src/needle/tissue_private.h ==== */
-/* tissue_private: what is inside a tissue. Floor 6, internal: tissue_matrix.c keeps the stiffness up to date with mesh
- * and rotations, tissue_precond.c preconditions, tissue_step.c steps; a room above couples rods to it.
- *
- * K is stored by nodes and edges of the mesh. A row holds the blocks right of and left of the diagonal, sorted by
- * column, in a piece of one pool that has room to spare; pieces come in a few sizes and are used again through a list
- * for each. An edge knows its two blocks and, as a ring, the tets that add to them; a tet knows its six edges. So a
- * step finds every block by index, and a change of topology touches the edges of changed tets only. Rows and rings are
- * sorted: the sums form in one order whatever the history, and K is a function of the mesh and the rotations, bit by
- * bit. (The other way, subtracting a tet's old blocks and adding the new, drifts.)
- */
-#ifndef NDL_TISSUE_PRIVATE_H
-#define NDL_TISSUE_PRIVATE_H
-
-
-/* How a node takes part in a solve. */
-enum {
-    NDLI_ROW_FREE = 0,
-    NDLI_ROW_HELD = 1,    /* fixed or prescribed: no unknown */
-    NDLI_ROW_ABSENT = 2,  /* slot not in use */
-    NDLI_ROW_COUPLED = 3  /* unknown, but left to another block of the preconditioner (a rod's) */
-};
-
-/* Rows and edges per task: fixed, so that partial sums do not depend on threads. */
-enum { NDLI_SOLID_CHUNK = 256, NDLI_SOLID_BATCHES = 8 };
-
-/* Pieces of the pool have (class + 1) NDLI_SOLID_PIECE places. */
-enum { NDLI_SOLID_PIECE = 4, NDLI_SOLID_CLASSES = 64 };
-
-/* Coefficients of a step of dt: dx = dt v + dt^2 (c0 a + beta a'), dv = dt ((1 - gamma) a + gamma a'),
- * A = mass M + stiffness K. */
-typedef struct ndli_solid_scheme {
-    sb_real dt, c0, beta, gamma;
-    sb_real mass, stiffness;
-} ndli_solid_scheme;
-
-/* The coarse space: six rigid modes of each aggregate of nodes. u = t + w x arm. */
-typedef struct ndli_solid_coarse {
-    int count;          /* aggregates */
-    int width;          /* of the band */
-    int usable;         /* 1: the factor is there */
-    int age;            /* steps since it was made; 0: to be made */
-    int fresh_iterations; /* of the step it was made for */
-    int wasted;         /* iterations beyond those in the steps since */
-    int listed;         /* 1: lists are those of the present nodes */
-    sb_real made_mass, made_stiffness; /* coefficients it was made with */
-    int *start;         /* [count + 1] into nodes */
-    sb_vec3 *centre;    /* [count] (m) */
-    sb_real *inverse_radius; /* [count] (1/m) */
-    double *factor;     /* [6 count][width + 1], room for a full one */
-    double *unknown;    /* [6 count] */
-    void *block;
-} ndli_solid_coarse;
-
-struct ndli_site; /* what needles share; see needle_state.h */
-
-struct ndl_tissue {
-    struct ndli_site *site; /* NULL: no needles */
-    ndl_tissue_mesh mesh;
-    sb_allocator allocator;
-    sb_jobs jobs;
-    sb_clock clock;
-    ndl_integrator integrator;
-    sb_real damping_mass, damping_stiffness;
-    sb_vec3 gravity;
-    sb_real lazy_angle, tolerance;
-    int max_iterations;
-    sb_real *lame; /* [material_count][2] lambda, mu (Pa) */
-    int material_count;
-
-    /* nodes: [node_room], vectors with one more to be read beyond */
-    int node_room;
-    sb_vec3 *force, *target, *target_velocity, *reaction;
-    unsigned char *role;         /* NDLI_ROW_... */
-    unsigned char *has_velocity; /* 1: target_velocity was given */
-    unsigned char *node_dirty;   /* 1: a block of the row has changed */
-    int *row_start, *row_count, *row_class; /* class -1: no piece */
-    sb_real (*diagonal)[9];      /* K_ii (N/m) */
-    sb_real (*inverse)[9];       /* A_ii^-1; zeros unless free */
-    int *aggregate;
-    int *coarse_nodes;           /* nodes by aggregate */
-    sb_vec3 *arm;                /* from the aggregate's centre, over its radius */
-    int *scratch;                /* zeros between uses */
-    sb_vec3 *seen_x;             /* x at which forces and matrix were evaluated */
-    sb_vec3 *internal;           /* elastic force on the nodes (N) */
-    sb_vec3 *way;                /* what K acts on for the right-hand side (m) */
-    sb_vec3 *rhs, *unknown, *residual, *search, *correction, *product;
-    sb_vec3 *before;             /* accelerations at the start of the step (m/s^2) */
-    double *partial;             /* [chunks][2] */
-    void *node_block;
-
-    /* tets: [tet_room]; lanes in batches of SB_POLAR_LANES */
-    int tet_room;
-    sb_real *gradients;   /* [batch][9][lanes] of nodes 1..3 (1/m) */
-    sb_real *moduli;      /* [batch][2][lanes] V lambda, V mu (J); 0: slot not in use */
-    sb_real *quats;       /* [batch][4][lanes] */
-    sb_real *old_quats;   /* [batch][4][lanes] of the stiffness */
-    sb_real *rotated;     /* [tet_room][16] R g of 4 nodes, V lambda, V mu, 0, 0: of the stiffness */
-    sb_vec3 *corner_force; /* [4 tet_room] (N) */
-    int *tet_edges;       /* [6 tet_room] or -1 */
-    int *ring_next;       /* [6 tet_room] code 2 (6 t + pair) + flip of the next in the edge's ring, or -1 */
-    unsigned char *stale_tet; /* 1: its stiffness is to be turned whatever its rotation */
-    unsigned char *turned;    /* 1: its stiffness was turned in the present evaluation */
-    double *batch_energy; /* [batch] (J) */
-    void *tet_block;
-
-    /* edges: [edge_room] */
-    int edge_room, edge_end, free_edge;
-    int *edge_nodes;      /* [2] nodes i < j; i < 0: not in use */
-    int *edge_slots;      /* [2] places of (i, j) and (j, i) in the pool; free edges: [0] is the next */
-    int *edge_ring;       /* first code */
-    unsigned char *edge_dirty;
-    void *edge_block;
-
-    /* pool of rows: [slot_room] */
-    int slot_room, slot_end;
-    int free_pieces[NDLI_SOLID_CLASSES]; /* first place, linked through columns; -1 */
-    int *columns, *slot_edge;
-    sb_real (*blocks)[9]; /* with one sb_real to spare */
-    void *slot_block;
-
-    ndli_solid_coarse coarse;
-    int broken;             /* 1: a change of the mesh found no memory: rows and edges are to be made anew */
-    int changed;            /* 1: mesh, materials or supports changed since the last evaluation */
-    int seen_end;           /* node_end of seen_x, 0: none */
-    int acceleration_known;
-    double elastic;         /* J, at seen_x */
-
-    /* Newmark's linearised steps have no bound on their energy: ndl_tissue_step keeps a ledger of what there should be,
-     * and steps with more take Euler, which damps. */
-    int watched, calm;      /* 1: the ledger is kept; 1: the present step is Euler's */
-    int led;                /* 1: needles lead nodes in the present step */
-    int ledger_open;
-    double ledger, next_ledger; /* J, before and after the present step is committed */
-    double work;            /* J, of gravity, forces and supports in the last step */
-    double work_unit;       /* J, sizes of its terms: for rounding */
-    double left_at;         /* sum over x and v when the last step was done: tells when others have set them */
-
-    ndli_solid_scheme scheme;
-    uint64_t make;          /* hash of what cannot change: the first mesh, densities, how steps are done */
-    int inverse_valid;      /* 1: `inverse` is that of the scheme but for dirty nodes */
-};
-
-#if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* ---- tissue_matrix: rest data, rows, edges, forces and stiffness ---- */
-
-SB_INLINE int ndli_solid_chunks(int count) { return count / NDLI_SOLID_CHUNK + (count % NDLI_SOLID_CHUNK != 0); }
-SB_INLINE int ndli_solid_is_node(const ndl_tissue *t, int node)
-{
-    return node >= 0 && node < t->mesh.node_end && t->mesh.node_flags[node] != 0;
-}
-/* Memory for so many node and tet slots (the mesh's capacities), and all rows, edges and rest data made anew from the
- * mesh. 0: no memory; what nodes know (supports, loads) is kept either way. */
-NDLI_API int ndli_solid_rebuild(ndl_tissue *t);
-/* The mesh's listener. */
-NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change);
-/* Memory for the mesh's capacities and a pool of so many places, so many edges; nothing else changes. 0: none. */
-NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges);
-/* Takes a tet out of the rings of its edges, and edges without tets away. */
-NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet);
-/* Puts a tet into the rings of its edges; 0: no memory. */
-NDLI_API int ndli_solid_join(ndl_tissue *t, int tet);
-/* A slot out of use: no stiffness, no rotation. */
-NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet);
-/* rotated = R g of the tets of the batch that are marked as turned, by old_quats: a function of these and of g. */
-NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch);
-/* Rest data of a tet from mesh and materials. */
-NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet);
-/* internal = elastic forces at mesh.x; tets whose rotation has gone too far, or that are new, turn. */
-NDLI_API void ndli_solid_forces(ndl_tissue *t);
-/* K of those tets; returns how many there were. */
-NDLI_API int ndli_solid_stiffness(ndl_tissue *t);
-/* y = mass M x + stiffness K x in some rows; where a row has no unknown x is 0, or whatever shall act on the others. */
-NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
-                                       sb_vec3 *y, int first, int last);
-NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x, sb_vec3 *y);
-/* Place of block (i, j), i != j, in the pool, or -1: no edge joins them. O(log row). */
-NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j);
-NDLI_API void ndli_solid_free(ndl_tissue *t);
-
-/* ---- tissue ---- */
-
-/* NDLI_ROW_FREE, _HELD or _COUPLED of a node in use. */
-NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role);
-
-/* ---- tissue_precond ---- */
-
-NDLI_API int ndli_solid_coarse_create(ndl_tissue *t);
-/* A_ii^-1 where it changed, the coarse matrix when it is due; returns 1 when that was made. */
-NDLI_API int ndli_solid_precond_update(ndl_tissue *t);
-/* z = M^-1 r on free rows, 0 elsewhere: blocks and coarse space. Returns r.z. */
-NDLI_API double ndli_solid_precondition(ndl_tissue *t, const sb_vec3 *r, sb_vec3 *z);
-/* Nodes that a change made get the aggregate of the nearest source. */
-NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *change);
-
-/* ---- tissue_step ---- */
-
-/* A step in parts, for those who solve it together with something else. begin: forces, K, scheme, preconditioner and
- * the right-hand side `rhs` of A a' = rhs on rows with an unknown (0 elsewhere; what held nodes do is in it).
- * A = scheme.mass M + scheme.stiffness K. Nothing of the state changes before commit. */
-NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error);
-/* unknown = A^-1 rhs from 0. */
-NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error);
-
-/* What is solved together with the tissue: more unknowns, and forces on rows of coupled nodes. Its functions see the
- * tissue's vectors of the present solve; NULL: the tissue alone. */
-typedef struct ndli_solid_guest {
-    void *user;
-    void (*begin)(void *user);  /* residual += its right-hand side on coupled rows, = on its own; search = unknown */
-    void (*settle)(void *user); /* residual -= product, of its own */
-    void (*direct)(void *user, sb_real factor); /* search = correction + factor search, of its own */
-    double (*multiply)(void *user);      /* product += its forces for `search`; returns search.product of that */
-    void (*advance)(void *user, sb_real factor); /* unknown += factor search, residual -= factor product, of its own */
-    double (*precondition)(void *user);  /* correction on coupled rows and its own; returns residual.correction */
-} ndli_solid_guest;
-
-/* Conjugate gradients in parts. */
-typedef struct ndli_solid_cg {
-    ndl_tissue *t;
-    const ndli_solid_guest *guest;
-    sb_real factor;
-    double rz;      /* residual.correction */
-    int iterations; /* in all runs */
-} ndli_solid_cg;
-
-/* residual = rhs - A unknown, */
-NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg);
-/* and the first correction. */
-NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg);
-/* Goes on until residual.correction <= target or max_iterations is reached. */
-NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error);
-/* x, v, a at the end of the step from the accelerations `unknown`; SB_ERROR_DIVERGED changes nothing. */
-NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error);
-/* After commit: how many iterations the step took, which tells when the coarse matrix is worn. */
-NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations);
-/* A_ii, and A_ij (0 and zeros when no edge joins them). */
-NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node);
-NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block);
-#endif
-
-#endif /* NDL_TISSUE_PRIVATE_H */
-
-/* ==== src/needle/tissue_matrix.c ==== */
-/* tissue_matrix: rest data, rotations, forces, and the stiffness matrix that follows a mesh whose topology changes. */
-
-
-#include <limits.h>
-#include <string.h>
-
-enum { NDLI_LANES = SB_POLAR_LANES };
-
-/* Corners of the six edges of a tet. */
-static const int ndli_solid_pair[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
-
-/* ---- memory ---- */
-
-static void ndli_solid_layout_nodes(ndl_tissue *t, sbi_arena *arena, size_t nodes)
-{
-    size_t chunks = nodes / NDLI_SOLID_CHUNK + 1;
-    sb_vec3 **vectors[15];
-    int **ints[6];
-    vectors[0] = &t->force, vectors[1] = &t->target, vectors[2] = &t->target_velocity, vectors[3] = &t->reaction;
-    vectors[4] = &t->arm, vectors[5] = &t->seen_x, vectors[6] = &t->internal, vectors[7] = &t->way;
-    vectors[8] = &t->rhs, vectors[9] = &t->unknown, vectors[10] = &t->residual, vectors[11] = &t->search;
-    vectors[12] = &t->product, vectors[13] = &t->correction, vectors[14] = &t->before;
-    ints[0] = &t->row_start, ints[1] = &t->row_count, ints[2] = &t->row_class, ints[3] = &t->aggregate;
-    ints[4] = &t->coarse_nodes, ints[5] = &t->scratch;
-    for (int i = 0; i < 15; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, nodes + 1, sizeof(sb_vec3));
-    for (int i = 0; i < 6; i++)
-        *ints[i] = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    t->diagonal = (sb_real(*)[9])sbi_arena_take(arena, nodes, sizeof t->diagonal[0]);
-    t->inverse = (sb_real(*)[9])sbi_arena_take(arena, nodes, sizeof t->inverse[0]);
-    t->partial = (double *)sbi_arena_take(arena, chunks, 2 * sizeof(double));
-    t->role = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-    t->has_velocity = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-    t->node_dirty = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-}
-
-static void ndli_solid_layout_tets(ndl_tissue *t, sbi_arena *arena, size_t tets)
-{
-    size_t lanes = (tets + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
-    t->gradients = (sb_real *)sbi_arena_take(arena, lanes, 9 * sizeof(sb_real));
-    t->moduli = (sb_real *)sbi_arena_take(arena, lanes, 2 * sizeof(sb_real));
-    t->quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
-    t->old_quats = (sb_real *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_real));
-    t->rotated = (sb_real *)sbi_arena_take(arena, lanes, 16 * sizeof(sb_real));
-    t->corner_force = (sb_vec3 *)sbi_arena_take(arena, lanes, 4 * sizeof(sb_vec3));
-    t->batch_energy = (double *)sbi_arena_take(arena, lanes / NDLI_LANES, sizeof(double));
-    t->tet_edges = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
-    t->ring_next = (int *)sbi_arena_take(arena, lanes, 6 * sizeof(int));
-    t->stale_tet = (unsigned char *)sbi_arena_take(arena, lanes, 1);
-    t->turned = (unsigned char *)sbi_arena_take(arena, lanes, 1);
-}
-
-static void ndli_solid_layout_edges(ndl_tissue *t, sbi_arena *arena, size_t edges)
-{
-    t->edge_nodes = (int *)sbi_arena_take(arena, edges, 2 * sizeof(int));
-    t->edge_slots = (int *)sbi_arena_take(arena, edges, 2 * sizeof(int));
-    t->edge_ring = (int *)sbi_arena_take(arena, edges, sizeof(int));
-    t->edge_dirty = (unsigned char *)sbi_arena_take(arena, edges, 1);
-}
-
-static void ndli_solid_layout_slots(ndl_tissue *t, sbi_arena *arena, size_t slots)
-{
-    t->blocks = (sb_real(*)[9])sbi_arena_take(arena, slots + 1, sizeof t->blocks[0]);
-    t->columns = (int *)sbi_arena_take(arena, slots, sizeof(int));
-    t->slot_edge = (int *)sbi_arena_take(arena, slots, sizeof(int));
-}
-
-typedef void (*ndli_solid_layout)(ndl_tissue *t, sbi_arena *arena, size_t count);
-
-/* Points the layout's arrays of *t into a fresh block of zeros; NULL: no memory, *t as it was. */
-static void *ndli_solid_allocate(ndl_tissue *t, ndli_solid_layout layout, int count)
-{
-    ndl_tissue made = *t;
-    sbi_arena arena;
-    memset(&arena, 0, sizeof arena);
-    layout(&made, &arena, (size_t)count);
-    if (arena.overflow)
-        return NULL;
-    arena.base = (unsigned char *)sbi_alloc_zeroed(&t->allocator, arena.used, 1);
-    if (!arena.base)
-        return NULL;
-    arena.used = 0;
-    layout(t, &arena, (size_t)count);
-    return arena.base;
-}
-
-/* Room for half as many again. The callers keep count below INT_MAX / 2. */
-static int ndli_solid_more(int count)
-{
-    int64_t roomy = (int64_t)count + count / 2 + 64;
-    return roomy < INT_MAX / 2 ? (int)roomy : INT_MAX / 2;
-}
-
-static int ndli_solid_grow_nodes(ndl_tissue *t, int room)
-{
-    ndl_tissue old = *t;
-    size_t n = (size_t)old.node_room;
-    void *block = ndli_solid_allocate(t, ndli_solid_layout_nodes, room);
-    if (!block)
-        return 0;
-    if (n > 0) {
-        memcpy(t->force, old.force, n * sizeof(sb_vec3));
-        memcpy(t->target, old.target, n * sizeof(sb_vec3));
-        memcpy(t->target_velocity, old.target_velocity, n * sizeof(sb_vec3));
-        memcpy(t->reaction, old.reaction, n * sizeof(sb_vec3));
-        memcpy(t->arm, old.arm, n * sizeof(sb_vec3));
-        memcpy(t->seen_x, old.seen_x, n * sizeof(sb_vec3));
-        memcpy(t->internal, old.internal, n * sizeof(sb_vec3));
-        memcpy(t->row_start, old.row_start, n * sizeof(int));
-        memcpy(t->row_count, old.row_count, n * sizeof(int));
-        memcpy(t->row_class, old.row_class, n * sizeof(int));
-        memcpy(t->aggregate, old.aggregate, n * sizeof(int));
-        memcpy(t->coarse_nodes, old.coarse_nodes, n * sizeof(int));
-        memcpy(t->diagonal, old.diagonal, n * sizeof t->diagonal[0]);
-        memcpy(t->inverse, old.inverse, n * sizeof t->inverse[0]);
-        memcpy(t->role, old.role, n);
-        memcpy(t->has_velocity, old.has_velocity, n);
-        memcpy(t->node_dirty, old.node_dirty, n);
-    }
-    for (int i = old.node_room; i < room; i++) {
-        t->role[i] = NDLI_ROW_ABSENT;
-        t->row_class[i] = -1;
-    }
-    sbi_free(&t->allocator, old.node_block);
-    t->node_block = block;
-    t->node_room = room;
-    return 1;
-}
-
-static int ndli_solid_grow_tets(ndl_tissue *t, int room)
-{
-    ndl_tissue old = *t;
-    size_t n = (size_t)old.tet_room, lanes = (n + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
-    size_t all = ((size_t)room + NDLI_LANES - 1) / NDLI_LANES * NDLI_LANES;
-    int fits = room < INT_MAX / 12 - NDLI_LANES; /* the codes of rings are ints */
-    void *block = fits ? ndli_solid_allocate(t, ndli_solid_layout_tets, room) : NULL;
-    if (!block)
-        return 0;
-    for (size_t k = 0; k < 6 * all; k++)
-        t->tet_edges[k] = t->ring_next[k] = -1;
-    for (size_t k = 0; k < 4 * all; k++)
-        t->quats[k] = t->old_quats[k] = (k / NDLI_LANES) % 4 == 0 ? (sb_real)1 : (sb_real)0;
-    if (n > 0) {
-        memcpy(t->gradients, old.gradients, lanes * 9 * sizeof(sb_real));
-        memcpy(t->moduli, old.moduli, lanes * 2 * sizeof(sb_real));
-        memcpy(t->quats, old.quats, lanes * 4 * sizeof(sb_real));
-        memcpy(t->old_quats, old.old_quats, lanes * 4 * sizeof(sb_real));
-        memcpy(t->rotated, old.rotated, lanes * 16 * sizeof(sb_real));
-        memcpy(t->tet_edges, old.tet_edges, lanes * 6 * sizeof(int));
-        memcpy(t->ring_next, old.ring_next, lanes * 6 * sizeof(int));
-        memcpy(t->stale_tet, old.stale_tet, lanes);
-    }
-    sbi_free(&t->allocator, old.tet_block);
-    t->tet_block = block;
-    t->tet_room = room;
-    return 1;
-}
-
-static int ndli_solid_grow_edges(ndl_tissue *t, int room)
-{
-    ndl_tissue old = *t;
-    size_t n = (size_t)old.edge_end;
-    void *block = ndli_solid_allocate(t, ndli_solid_layout_edges, room);
-    if (!block)
-        return 0;
-    if (n > 0) {
-        memcpy(t->edge_nodes, old.edge_nodes, 2 * n * sizeof(int));
-        memcpy(t->edge_slots, old.edge_slots, 2 * n * sizeof(int));
-        memcpy(t->edge_ring, old.edge_ring, n * sizeof(int));
-        memcpy(t->edge_dirty, old.edge_dirty, n);
-    }
-    sbi_free(&t->allocator, old.edge_block);
-    t->edge_block = block;
-    t->edge_room = room;
-    return 1;
-}
-
-static int ndli_solid_grow_slots(ndl_tissue *t, int room)
-{
-    ndl_tissue old = *t;
-    size_t n = (size_t)old.slot_end;
-    void *block = ndli_solid_allocate(t, ndli_solid_layout_slots, room);
-    if (!block)
-        return 0;
-    if (n > 0) {
-        memcpy(t->blocks, old.blocks, n * sizeof t->blocks[0]);
-        memcpy(t->columns, old.columns, n * sizeof(int));
-        memcpy(t->slot_edge, old.slot_edge, n * sizeof(int));
-    }
-    sbi_free(&t->allocator, old.slot_block);
-    t->slot_block = block;
-    t->slot_room = room;
-    return 1;
-}
-
-NDLI_API int ndli_solid_reserve(ndl_tissue *t, int slots, int edges)
-{
-    return (t->mesh.node_capacity <= t->node_room || ndli_solid_grow_nodes(t, t->mesh.node_capacity)) &&
-           (t->mesh.tet_capacity <= t->tet_room || ndli_solid_grow_tets(t, t->mesh.tet_capacity)) &&
-           (slots <= t->slot_room || ndli_solid_grow_slots(t, ndli_solid_more(slots))) &&
-           (edges <= t->edge_room || ndli_solid_grow_edges(t, ndli_solid_more(edges)));
-}
-
-NDLI_API void ndli_solid_free(ndl_tissue *t)
-{
-    sbi_free(&t->allocator, t->node_block);
-    sbi_free(&t->allocator, t->tet_block);
-    sbi_free(&t->allocator, t->edge_block);
-    sbi_free(&t->allocator, t->slot_block);
-    sbi_free(&t->allocator, t->coarse.block);
-}
-
-/* ---- rest data ---- */
-
-NDLI_API void ndli_solid_measure(ndl_tissue *t, int tet)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    const int *n = mesh->tets + 4 * (size_t)tet;
-    size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
-    sb_real *g = t->gradients + batch * 9 * NDLI_LANES + lane, *m = t->moduli + batch * 2 * NDLI_LANES + lane;
-    const sb_real *lame = t->lame + 2 * (size_t)(t->material_count == 1 ? 0 : mesh->regions[tet]);
-    sb_vec3 a = sb_v3_sub(mesh->X[n[1]], mesh->X[n[0]]), b = sb_v3_sub(mesh->X[n[2]], mesh->X[n[0]]);
-    sb_vec3 c = sb_v3_sub(mesh->X[n[3]], mesh->X[n[0]]), rows[3];
-    sb_real inverse = 1 / sb_v3_dot(a, sb_v3_cross(b, c));
-    rows[0] = sb_v3_scale(inverse, sb_v3_cross(b, c));
-    rows[1] = sb_v3_scale(inverse, sb_v3_cross(c, a));
-    rows[2] = sb_v3_scale(inverse, sb_v3_cross(a, b));
-    for (int k = 0; k < 3; k++) {
-        g[(3 * k) * NDLI_LANES] = rows[k].x;
-        g[(3 * k + 1) * NDLI_LANES] = rows[k].y;
-        g[(3 * k + 2) * NDLI_LANES] = rows[k].z;
-    }
-    m[0] = mesh->volumes[tet] * lame[0];
-    m[NDLI_LANES] = mesh->volumes[tet] * lame[1];
-    t->stale_tet[tet] = 1;
-}
-
-NDLI_API void ndli_solid_blank(ndl_tissue *t, int tet)
-{
-    size_t lane = (size_t)(tet % NDLI_LANES), batch = (size_t)(tet / NDLI_LANES);
-    for (size_t k = 0; k < 9; k++)
-        t->gradients[(batch * 9 + k) * NDLI_LANES + lane] = 0;
-    for (size_t k = 0; k < 2; k++)
-        t->moduli[(batch * 2 + k) * NDLI_LANES + lane] = 0;
-    for (size_t k = 0; k < 4; k++)
-        t->quats[(batch * 4 + k) * NDLI_LANES + lane] = k == 0 ? (sb_real)1 : (sb_real)0;
-    t->stale_tet[tet] = 0;
-}
-
-/* ---- rows ---- */
-
-/* First place of a piece; -1: no memory. */
-static int ndli_solid_take_piece(ndl_tissue *t, int size_class)
-{
-    int places = (size_class + 1) * NDLI_SOLID_PIECE, start;
-    if (size_class < NDLI_SOLID_CLASSES && t->free_pieces[size_class] >= 0) {
-        start = t->free_pieces[size_class];
-        t->free_pieces[size_class] = t->columns[start];
-        return start;
-    }
-    if (places > t->slot_room - t->slot_end) {
-        if (t->slot_end > INT_MAX / 4 - places ||
-            !ndli_solid_grow_slots(t, ndli_solid_more(t->slot_end + places)))
-            return -1;
-    }
-    start = t->slot_end;
-    t->slot_end += places;
-    return start;
-}
-
-/* Pieces too large for a list are lost until the next rebuild: a node with hundreds of neighbours is a rare thing. */
-static void ndli_solid_give_piece(ndl_tissue *t, int start, int size_class)
-{
-    if (size_class < 0 || size_class >= NDLI_SOLID_CLASSES)
-        return;
-    t->columns[start] = t->free_pieces[size_class];
-    t->free_pieces[size_class] = start;
-}
-
-static int ndli_solid_class_of(int count) { return (count + NDLI_SOLID_PIECE - 1) / NDLI_SOLID_PIECE - 1; }
-
-/* Tells the edges of the places [from, end) of row i where their blocks are now. */
-static void ndli_solid_renumber(ndl_tissue *t, int i, int from)
-{
-    int end = t->row_start[i] + t->row_count[i];
-    for (int s = from; s < end; s++) {
-        int e = t->slot_edge[s];
-        t->edge_slots[2 * (size_t)e + (t->edge_nodes[2 * (size_t)e] == i ? 0 : 1)] = s;
-    }
-}
-
-/* A larger piece for row i. */
-static int ndli_solid_widen(ndl_tissue *t, int i)
-{
-    int old = t->row_start[i], size_class = t->row_class[i] + 1, start = ndli_solid_take_piece(t, size_class);
-    size_t count = (size_t)t->row_count[i];
-    if (start < 0)
-        return 0;
-    if (count > 0) {
-        memcpy(t->columns + start, t->columns + old, count * sizeof(int));
-        memcpy(t->slot_edge + start, t->slot_edge + old, count * sizeof(int));
-        memcpy(t->blocks + start, t->blocks + old, count * sizeof t->blocks[0]);
-    }
-    ndli_solid_give_piece(t, old, t->row_class[i]);
-    t->row_start[i] = start;
-    t->row_class[i] = size_class;
-    ndli_solid_renumber(t, i, start);
-    return 1;
-}
-
-/* First place in row i whose column is not below j. */
-static int ndli_solid_place(const ndl_tissue *t, int i, int j)
-{
-    int low = t->row_start[i], high = low + t->row_count[i];
-    while (low < high) {
-        int middle = low + (high - low) / 2;
-        if (t->columns[middle] < j)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low;
-}
-
-NDLI_API int ndli_solid_find(const ndl_tissue *t, int i, int j)
-{
-    int place = ndli_solid_place(t, i, j);
-    return place < t->row_start[i] + t->row_count[i] && t->columns[place] == j ? place : -1;
-}
-
-/* A zero block for `edge` in row i; 0: no memory. */
-static int ndli_solid_put_block(ndl_tissue *t, int i, int j, int edge)
-{
-    int place, end;
-    if (t->row_count[i] == (t->row_class[i] + 1) * NDLI_SOLID_PIECE && !ndli_solid_widen(t, i))
-        return 0;
-    place = ndli_solid_place(t, i, j);
-    end = t->row_start[i] + t->row_count[i];
-    memmove(t->columns + place + 1, t->columns + place, (size_t)(end - place) * sizeof(int));
-    memmove(t->slot_edge + place + 1, t->slot_edge + place, (size_t)(end - place) * sizeof(int));
-    memmove(t->blocks + place + 1, t->blocks + place, (size_t)(end - place) * sizeof t->blocks[0]);
-    t->columns[place] = j;
-    t->slot_edge[place] = edge;
-    memset(t->blocks[place], 0, sizeof t->blocks[0]);
-    t->row_count[i]++;
-    ndli_solid_renumber(t, i, place);
-    return 1;
-}
-
-static void ndli_solid_drop_block(ndl_tissue *t, int i, int place)
-{
-    int end = t->row_start[i] + t->row_count[i], rest = end - place - 1;
-    memmove(t->columns + place, t->columns + place + 1, (size_t)rest * sizeof(int));
-    memmove(t->slot_edge + place, t->slot_edge + place + 1, (size_t)rest * sizeof(int));
-    memmove(t->blocks + place, t->blocks + place + 1, (size_t)rest * sizeof t->blocks[0]);
-    t->row_count[i]--;
-    t->node_dirty[i] = 1;
-    ndli_solid_renumber(t, i, place);
-    if (t->row_count[i] == 0) {
-        ndli_solid_give_piece(t, t->row_start[i], t->row_class[i]);
-        t->row_class[i] = -1;
-    }
-}
-
-/* ---- edges ---- */
-
-static int ndli_solid_take_edge(ndl_tissue *t)
-{
-    int edge = t->free_edge;
-    if (edge >= 0) {
-        t->free_edge = t->edge_slots[2 * (size_t)edge];
-        return edge;
-    }
-    if (t->edge_end == t->edge_room &&
-        (t->edge_end > INT_MAX / 16 || !ndli_solid_grow_edges(t, ndli_solid_more(t->edge_end))))
-        return -1;
-    return t->edge_end++;
-}
-
-/* A new edge i < j without tets; -1: no memory. */
-static int ndli_solid_make_edge(ndl_tissue *t, int i, int j)
-{
-    int edge = ndli_solid_take_edge(t);
-    if (edge < 0)
-        return -1;
-    t->edge_nodes[2 * (size_t)edge] = i;
-    t->edge_nodes[2 * (size_t)edge + 1] = j;
-    t->edge_ring[edge] = -1;
-    if (!ndli_solid_put_block(t, i, j, edge) || !ndli_solid_put_block(t, j, i, edge))
-        return -1; /* the caller gives up: all is made anew */
-    return edge;
-}
-
-static void ndli_solid_drop_edge(ndl_tissue *t, int edge)
-{
-    int *nodes = t->edge_nodes + 2 * (size_t)edge, *slots = t->edge_slots + 2 * (size_t)edge;
-    ndli_solid_drop_block(t, nodes[0], slots[0]);
-    ndli_solid_drop_block(t, nodes[1], slots[1]);
-    nodes[0] = nodes[1] = -1;
-    slots[0] = t->free_edge;
-    t->free_edge = edge;
-    t->edge_dirty[edge] = 0;
-}
-
-NDLI_API void ndli_solid_leave(ndl_tissue *t, int tet)
-{
-    for (int p = 0; p < 6; p++) {
-        int at = 6 * tet + p, edge = t->tet_edges[at], *link;
-        if (edge < 0)
-            continue;
-        for (link = t->edge_ring + edge; *link >> 1 != at; link = t->ring_next + (*link >> 1))
-            continue;
-        *link = t->ring_next[at];
-        t->tet_edges[at] = -1;
-        t->edge_dirty[edge] = 1;
-        if (t->edge_ring[edge] < 0)
-            ndli_solid_drop_edge(t, edge);
-    }
-}
-
-NDLI_API int ndli_solid_join(ndl_tissue *t, int tet)
-{
-    const int *n = t->mesh.tets + 4 * (size_t)tet;
-    for (int p = 0; p < 6; p++) {
-        int a = n[ndli_solid_pair[p][0]], b = n[ndli_solid_pair[p][1]], flip = a > b, at = 6 * tet + p, *link;
-        int i = flip ? b : a, j = flip ? a : b;
-        int place = t->row_count[i] > 0 ? ndli_solid_find(t, i, j) : -1;
-        int edge = place >= 0 ? t->slot_edge[place] : ndli_solid_make_edge(t, i, j);
-        if (edge < 0)
-            return 0;
-        for (link = t->edge_ring + edge; *link >= 0 && *link >> 1 < at; link = t->ring_next + (*link >> 1))
-            continue;
-        t->ring_next[at] = *link;
-        *link = 2 * at + flip;
-        t->tet_edges[at] = edge;
-        t->edge_dirty[edge] = 1;
-    }
-    return 1;
-}
-
-/* 1 when the tet's edges are those of its nodes. */
-static int ndli_solid_is_joined(const ndl_tissue *t, int tet)
-{
-    const int *n = t->mesh.tets + 4 * (size_t)tet;
-    for (int p = 0; p < 6; p++) {
-        int edge = t->tet_edges[6 * tet + p], a = n[ndli_solid_pair[p][0]], b = n[ndli_solid_pair[p][1]];
-        if (edge < 0 || t->edge_nodes[2 * (size_t)edge] != sbi_min_int(a, b) ||
-            t->edge_nodes[2 * (size_t)edge + 1] != sbi_max_int(a, b))
-            return 0;
-    }
-    return 1;
-}
-
-/* ---- all anew ---- */
-
-/* Rows laid out one after the other with room for `spare` more blocks each, so that a new mesh lies in memory in the
- * order it is read; without, only in the memory that there is. Columns come later. Uses scratch. */
-static int ndli_solid_lay_rows(ndl_tissue *t, int spare)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    int64_t slots = 0, edges = 0;
-    for (int i = 0; i < mesh->node_end; i++) {
-        int count = 0;
-        t->scratch[i] = i + 1; /* a node's mark is the last row that has met it: no clearing between rows */
-        for (int k = mesh->node_flags[i] ? mesh->node_star[i] : -1; k >= 0; k = mesh->corner_next[k])
-            for (int c = 0; c < 4; c++) {
-                int j = mesh->tets[4 * (size_t)(k / 4) + (size_t)c];
-                count += t->scratch[j] != i + 1;
-                t->scratch[j] = i + 1;
-            }
-        t->row_class[i] = count > 0 ? ndli_solid_class_of(count + spare) : -1;
-        t->row_start[i] = (int)slots;
-        t->row_count[i] = 0;
-        t->node_dirty[i] = 1;
-        slots += (int64_t)(t->row_class[i] + 1) * NDLI_SOLID_PIECE;
-        edges += count;
-        if (slots > INT_MAX / 8)
-            break;
-    }
-    memset(t->scratch, 0, (size_t)mesh->node_end * sizeof(int));
-    if (slots > INT_MAX / 8)
-        return 0;
-    t->slot_end = 0; /* nothing worth copying */
-    t->edge_end = 0;
-    if (slots > t->slot_room && (!spare || !ndli_solid_grow_slots(t, ndli_solid_more((int)slots))))
-        return 0;
-    if (edges / 2 > t->edge_room && (!spare || !ndli_solid_grow_edges(t, ndli_solid_more((int)(edges / 2)))))
-        return 0;
-    t->slot_end = (int)slots;
-    return 1;
-}
-
-NDLI_API int ndli_solid_rebuild(ndl_tissue *t)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    t->broken = 1;
-    t->changed = 1;
-    if (mesh->node_capacity > t->node_room && !ndli_solid_grow_nodes(t, mesh->node_capacity) &&
-        mesh->node_end > t->node_room)
-        return 0;
-    if (mesh->tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, mesh->tet_capacity) && mesh->tet_end > t->tet_room)
-        return 0;
-    t->free_edge = -1;
-    for (int k = 0; k < NDLI_SOLID_CLASSES; k++)
-        t->free_pieces[k] = -1;
-    if (!ndli_solid_lay_rows(t, 2) && !ndli_solid_lay_rows(t, 0)) /* what has fitted once fits again */
-        return 0;
-    for (int i = mesh->node_end; i < t->node_room; i++) {
-        t->role[i] = NDLI_ROW_ABSENT;
-        t->row_count[i] = 0;
-        t->row_class[i] = -1;
-    }
-    for (int i = 0; i < mesh->node_end; i++) {
-        if (!mesh->node_flags[i])
-            t->role[i] = NDLI_ROW_ABSENT;
-        else if (t->role[i] == NDLI_ROW_ABSENT)
-            t->role[i] = NDLI_ROW_FREE;
-    }
-    for (int e = 0; e < t->tet_room; e++)
-        for (int p = 0; p < 6; p++)
-            t->tet_edges[6 * e + p] = -1;
-    for (int e = 0; e < t->tet_room; e++) {
-        if (e >= mesh->tet_end || mesh->tets[4 * (size_t)e] < 0) {
-            ndli_solid_blank(t, e);
-            continue;
-        }
-        ndli_solid_measure(t, e);
-        if (!ndli_solid_join(t, e))
-            return 0;
-    }
-    t->broken = 0;
-    t->inverse_valid = 0;
-    return 1;
-}
-
-/* ---- changes of the mesh ---- */
-
-static void ndli_solid_forget_node(ndl_tissue *t, int node, int role)
-{
-    t->role[node] = (unsigned char)role;
-    t->force[node] = t->reaction[node] = sb_v3(0, 0, 0);
-    t->has_velocity[node] = 0;
-    t->node_dirty[node] = 1;
-}
-
-static int ndli_solid_change_tets(ndl_tissue *t, const ndl_mesh_change *change)
-{
-    for (int i = 0; i < change->removed_count; i++) {
-        ndli_solid_leave(t, change->removed[i]);
-        ndli_solid_blank(t, change->removed[i]);
-    }
-    for (int i = 0; i < change->changed_count; i++)
-        if (!ndli_solid_is_joined(t, change->changed[i]))
-            ndli_solid_leave(t, change->changed[i]);
-    for (int i = 0; i < change->changed_count; i++) {
-        ndli_solid_measure(t, change->changed[i]);
-        if (t->tet_edges[6 * change->changed[i]] < 0 && !ndli_solid_join(t, change->changed[i]))
-            return 0;
-    }
-    for (int i = 0; i < change->created_count; i++) {
-        ndli_solid_measure(t, change->created[i]);
-        if (!ndli_solid_join(t, change->created[i]))
-            return 0;
-    }
-    return 1;
-}
-
-NDLI_API void ndli_solid_changed(void *user, const ndl_mesh_change *change)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    t->changed = 1;
-    if (change->node_count == 0) /* the densities: all masses are others */
-        t->inverse_valid = 0;
-    if ((t->mesh.node_capacity > t->node_room && !ndli_solid_grow_nodes(t, t->mesh.node_capacity)) ||
-        (t->mesh.tet_capacity > t->tet_room && !ndli_solid_grow_tets(t, t->mesh.tet_capacity)))
-        t->broken = 1;
-    for (int i = 0; i < change->removed_node_count; i++)
-        if (change->removed_nodes[i] < t->node_room)
-            ndli_solid_forget_node(t, change->removed_nodes[i], NDLI_ROW_ABSENT);
-    for (int i = 0; i < change->node_count; i++) {
-        int node = change->nodes[i].node;
-        if (change->nodes[i].created && node < t->node_room)
-            ndli_solid_forget_node(t, node, t->mesh.node_flags[node] ? NDLI_ROW_FREE : NDLI_ROW_ABSENT);
-    }
-    ndli_solid_coarse_changed(t, change);
-    if (!t->broken && !ndli_solid_change_tets(t, change))
-        t->broken = 1;
-}
-
-/* ---- rotations and forces: a batch of tets at a time ---- */
-
-/* Displacements of nodes 1..3 relative to node 0: of them, not of positions, so that rest is exact wherever it is. */
-static void ndli_solid_gather(const ndl_tissue *t, int batch, sb_real (*d)[NDLI_LANES])
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    for (int l = 0; l < NDLI_LANES; l++) {
-        int tet = batch * NDLI_LANES + l;
-        const int *n = mesh->tets + 4 * (size_t)tet;
-        sb_vec3 u0;
-        if (tet >= mesh->tet_end || n[0] < 0) {
-            for (int k = 0; k < 9; k++)
-                d[k][l] = 0;
-            continue;
-        }
-        u0 = t->way[n[0]];
-        for (int a = 0; a < 3; a++) {
-            sb_vec3 u = sb_v3_sub(t->way[n[a + 1]], u0);
-            d[3 * a][l] = u.x;
-            d[3 * a + 1][l] = u.y;
-            d[3 * a + 2][l] = u.z;
-        }
-    }
-}
-
-/* out[3 a + i] = sum_j m[3 i + j] g[3 a + j], lane by lane. */
-SBI_FORCE_INLINE void ndli_solid_apply(const sb_real (*m)[NDLI_LANES], const sb_real (*g)[NDLI_LANES],
-                                       sb_real (*out)[NDLI_LANES])
-{
-    for (int a = 0; a < 3; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < NDLI_LANES; l++)
-                out[3 * a + i][l] = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                                    m[3 * i + 2][l] * g[3 * a + 2][l];
-}
-
-/* -V P = -2 V mu (F - R) - V lambda (tr(R^T F) - 3) R, in place of F; returns the energy, V P:(F - R) / 2. */
-SBI_FORCE_INLINE double ndli_solid_stress(const sb_real (*r)[NDLI_LANES], const sb_real (*moduli)[NDLI_LANES],
-                                          sb_real (*f)[NDLI_LANES])
-{
-    sb_real trace[NDLI_LANES], energy[NDLI_LANES];
-    double sum = 0;
-    for (int l = 0; l < NDLI_LANES; l++) {
-        trace[l] = -3;
-        energy[l] = 0;
-    }
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < NDLI_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < NDLI_LANES; l++) {
-            sb_real strain = f[k][l] - r[k][l];
-            f[k][l] = -2 * moduli[1][l] * strain - moduli[0][l] * trace[l] * r[k][l];
-            energy[l] -= f[k][l] * strain;
-        }
-    for (int l = 0; l < NDLI_LANES; l++)
-        sum += (double)energy[l];
-    return 0.5 * sum;
-}
-
-/* far = |R - R_old|^2 of each lane: with e = q - (+-)q_old, |R - R_old| = |e| sqrt(4 - |e|^2). */
-SBI_FORCE_INLINE void ndli_solid_measure_turns(const sb_real (*q)[NDLI_LANES], const sb_real (*old)[NDLI_LANES],
-                                               sb_real *far)
-{
-    for (int l = 0; l < NDLI_LANES; l++) {
-        sb_real dot = q[0][l] * old[0][l] + q[1][l] * old[1][l] + q[2][l] * old[2][l] + q[3][l] * old[3][l];
-        sb_real sign = dot < 0 ? (sb_real)-1 : (sb_real)1, square;
-        sb_real e0 = q[0][l] - sign * old[0][l], e1 = q[1][l] - sign * old[1][l];
-        sb_real e2 = q[2][l] - sign * old[2][l], e3 = q[3][l] - sign * old[3][l];
-        square = e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3;
-        far[l] = square * (4 - square);
-    }
-}
-
-NDLI_API void ndli_solid_rotate(ndl_tissue *t, int batch)
-{
-    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
-    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
-    const sb_real(*q)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
-    sb_real r[9][NDLI_LANES], h[9][NDLI_LANES];
-    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES);
-    for (int l = 0; l < NDLI_LANES; l++) {
-        sb_mat3 m = sb_quat_to_mat3(sb_quat_make(q[0][l], q[1][l], q[2][l], q[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = m.m[k / 3][k % 3];
-    }
-    ndli_solid_apply((const sb_real(*)[NDLI_LANES])r, g, h);
-    for (int l = 0; l < count; l++) {
-        sb_real *out = t->rotated + 16 * (size_t)(batch * NDLI_LANES + l);
-        if (!t->turned[batch * NDLI_LANES + l])
-            continue;
-        for (int i = 0; i < 3; i++)
-            out[i] = -(h[i][l] + h[3 + i][l] + h[6 + i][l]);
-        for (int k = 0; k < 9; k++)
-            out[3 + k] = h[k][l];
-        out[12] = moduli[0][l];
-        out[13] = moduli[1][l];
-    }
-}
-
-/* Where a tet has turned or is new: the rotation of its stiffness, and its rotated gradients. */
-static void ndli_solid_turn(ndl_tissue *t, int batch, const sb_real (*q)[NDLI_LANES])
-{
-    sb_real(*old)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->old_quats + (size_t)batch * 4 * NDLI_LANES);
-    int count = sbi_min_int(NDLI_LANES, t->mesh.tet_end - batch * NDLI_LANES), any = 0;
-    sb_real far[NDLI_LANES], limit = t->lazy_angle * t->lazy_angle;
-    ndli_solid_measure_turns(q, (const sb_real(*)[NDLI_LANES])old, far);
-    for (int l = 0; l < count; l++) {
-        int tet = batch * NDLI_LANES + l;
-        t->turned[tet] = (t->stale_tet[tet] | (far[l] > limit)) && t->mesh.tets[4 * (size_t)tet] >= 0;
-        if (!t->turned[tet])
-            continue;
-        any = 1;
-        t->stale_tet[tet] = 0;
-        for (int k = 0; k < 4; k++)
-            old[k][l] = q[k][l];
-    }
-    if (any)
-        ndli_solid_rotate(t, batch);
-}
-
-static void ndli_solid_batch(ndl_tissue *t, int batch)
-{
-    const sb_real(*g)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->gradients + (size_t)batch * 9 * NDLI_LANES);
-    const sb_real(*moduli)[NDLI_LANES] = (const sb_real(*)[NDLI_LANES])(t->moduli + (size_t)batch * 2 * NDLI_LANES);
-    sb_real(*quats)[NDLI_LANES] = (sb_real(*)[NDLI_LANES])(t->quats + (size_t)batch * 4 * NDLI_LANES);
-    sb_real d[9][NDLI_LANES], f[9][NDLI_LANES], r[9][NDLI_LANES];
-    ndli_solid_gather(t, batch, d);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < NDLI_LANES; l++)
-                f[3 * i + j][l] = (i == j ? (sb_real)1 : (sb_real)0) + d[i][l] * g[j][l] + d[3 + i][l] * g[3 + j][l] +
-                                  d[6 + i][l] * g[6 + j][l];
-    sb_polar_batch(f, quats, r);
-    ndli_solid_turn(t, batch, (const sb_real(*)[NDLI_LANES])quats);
-    t->batch_energy[batch] = ndli_solid_stress((const sb_real(*)[NDLI_LANES])r, moduli, f);
-    ndli_solid_apply((const sb_real(*)[NDLI_LANES])f, g, d);
-    for (int l = 0; l < NDLI_LANES; l++) {
-        sb_vec3 *out = t->corner_force + 4 * ((size_t)batch * NDLI_LANES + (size_t)l);
-        for (int a = 0; a < 3; a++)
-            out[a + 1] = sb_v3(d[3 * a][l], d[3 * a + 1][l], d[3 * a + 2][l]);
-        out[0] = sb_v3(-(d[0][l] + d[3][l] + d[6][l]), -(d[1][l] + d[4][l] + d[7][l]), -(d[2][l] + d[5][l] + d[8][l]));
-    }
-}
-
-static void ndli_solid_batch_task(void *user, int index)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    int end = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
-    int last = sbi_min_int(end, (index + 1) * NDLI_SOLID_BATCHES);
-    for (int batch = index * NDLI_SOLID_BATCHES; batch < last; batch++)
-        ndli_solid_batch(t, batch);
-}
-
-/* Forces of the tets about each node, in the order of its ring. */
-static void ndli_solid_sum_task(void *user, int chunk)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    int last = sbi_min_int(mesh->node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
-        sb_vec3 sum = sb_v3(0, 0, 0);
-        for (int k = mesh->node_flags[i] ? mesh->node_star[i] : -1; k >= 0; k = mesh->corner_next[k])
-            sum = sb_v3_add(sum, t->corner_force[k]);
-        t->internal[i] = sum;
-    }
-}
-
-NDLI_API void ndli_solid_forces(ndl_tissue *t)
-{
-    int batches = (t->mesh.tet_end + NDLI_LANES - 1) / NDLI_LANES;
-    for (int i = 0; i < t->mesh.node_end; i++) /* displacements, until the right-hand side needs the place */
-        t->way[i] = sb_v3_sub(t->mesh.x[i], t->mesh.X[i]);
-    sbi_run(&t->jobs, ndli_solid_batch_task, t, (batches + NDLI_SOLID_BATCHES - 1) / NDLI_SOLID_BATCHES);
-    sbi_run(&t->jobs, ndli_solid_sum_task, t, ndli_solid_chunks(t->mesh.node_end));
-    t->elastic = 0;
-    for (int k = 0; k < batches; k++)
-        t->elastic += t->batch_energy[k];
-}
-
-/* ---- stiffness ---- */
-
-/* K_ij = sum over the tets of the edge of V (lambda h_a h_b^T + mu h_b h_a^T + mu h_a.h_b I), h = R g. */
-static void ndli_solid_edge(ndl_tissue *t, int edge)
-{
-    sb_real l[9] = {0}, m[9] = {0}; /* sums of V lambda h_a h_b^T and V mu h_a h_b^T */
-    const int *slots = t->edge_slots + 2 * (size_t)edge;
-    sb_real *upper = t->blocks[slots[0]], *lower = t->blocks[slots[1]];
-    for (int code = t->edge_ring[edge]; code >= 0; code = t->ring_next[code >> 1]) {
-        int at = code >> 1, tet = at / 6, flip = code & 1;
-        const int *pair = ndli_solid_pair[at % 6];
-        const sb_real *h = t->rotated + 16 * (size_t)tet, *a = h + 3 * pair[flip], *b = h + 3 * pair[1 - flip];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                sb_real product = a[i] * b[j];
-                l[3 * i + j] += h[12] * product;
-                m[3 * i + j] += h[13] * product;
-            }
-    }
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            upper[3 * i + j] = lower[3 * j + i] =
-                l[3 * i + j] + m[3 * j + i] + (i == j ? m[0] + m[4] + m[8] : (sb_real)0);
-}
-
-static void ndli_solid_edge_task(void *user, int chunk)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    int last = sbi_min_int(t->edge_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    for (int e = chunk * NDLI_SOLID_CHUNK; e < last; e++)
-        if (t->edge_dirty[e])
-            ndli_solid_edge(t, e);
-}
-
-/* Diagonal blocks: a rigid translation costs nothing, so K_ii = - sum over j of K_ij. */
-static void ndli_solid_diagonal_task(void *user, int chunk)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
-        sb_real sum[9] = {0}, *out = t->diagonal[i];
-        if (!t->node_dirty[i])
-            continue;
-        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
-            for (int c = 0; c < 9; c++)
-                sum[c] -= t->blocks[k][c];
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                out[3 * a + b] = (sb_real)0.5 * (sum[3 * a + b] + sum[3 * b + a]);
-    }
-}
-
-NDLI_API int ndli_solid_stiffness(ndl_tissue *t)
-{
-    int count = 0;
-    for (int e = 0; e < t->mesh.tet_end; e++)
-        if (t->turned[e]) {
-            count++;
-            for (int p = 0; p < 6; p++)
-                t->edge_dirty[t->tet_edges[6 * e + p]] = 1;
-        }
-    sbi_run(&t->jobs, ndli_solid_edge_task, t, ndli_solid_chunks(t->edge_end));
-    for (int e = 0; e < t->edge_end; e++)
-        if (t->edge_dirty[e]) {
-            t->node_dirty[t->edge_nodes[2 * (size_t)e]] = t->node_dirty[t->edge_nodes[2 * (size_t)e + 1]] = 1;
-            t->edge_dirty[e] = 0;
-        }
-    sbi_run(&t->jobs, ndli_solid_diagonal_task, t, ndli_solid_chunks(t->mesh.node_end));
-    return count;
-}
-
-/* ---- products ---- */
-
-#if SBI_HAS_LANES
-/* As in sparse.c: rows of blocks and vectors are read four at a time; the fourth lane is never summed, and both
- * arrays have one number to spare at their ends. */
-SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
-{
-    const sb_real *block = t->diagonal[i];
-    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
-    sbi_lanes v = SBI_LANES_AT(&x[i].x), s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
-    sbi_lanes d = {block[6], block[7], block[8], 0};
-    s0 += SBI_LANES_AT(block) * v;
-    s1 += SBI_LANES_AT(block + 3) * v;
-    s2 += d * v;
-    block = t->blocks[t->row_start[i]];
-    for (; column < end; column++, block += 9) {
-        v = SBI_LANES_AT(&x[*column].x);
-        s0 += SBI_LANES_AT(block) * v;
-        s1 += SBI_LANES_AT(block + 3) * v;
-        s2 += SBI_LANES_AT(block + 6) * v;
-    }
-    return sb_v3(s0[0] + s0[1] + s0[2], s1[0] + s1[1] + s1[2], s2[0] + s2[1] + s2[2]);
-}
-#elif defined(__GNUC__) && !defined(SB_NO_VECTORS)
-/* Doubles without AVX: the nine products of a block as four pairs and one, which compilers do not find. The same nine
- * sums, the same bits. */
-typedef sb_real ndli_solid_two __attribute__((vector_size(2 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
-#define NDLI_TWO_AT(pointer) (*(const ndli_solid_two *)(const void *)(pointer))
-SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
-{
-    const sb_real *block = t->diagonal[i], *from = &x[i].x;
-    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
-    ndli_solid_two v20 = {from[2], from[0]};
-    ndli_solid_two s0 = NDLI_TWO_AT(block) * NDLI_TWO_AT(from), s1 = NDLI_TWO_AT(block + 2) * v20;
-    ndli_solid_two s2 = NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(from + 1);
-    ndli_solid_two s3 = NDLI_TWO_AT(block + 6) * NDLI_TWO_AT(from);
-    sb_real s4 = block[8] * from[2];
-    block = t->blocks[t->row_start[i]];
-    for (; column < end; column++, block += 9) {
-        const sb_real *w = &x[*column].x;
-        ndli_solid_two w01 = NDLI_TWO_AT(w), w20 = {w[2], w[0]};
-        s0 += NDLI_TWO_AT(block) * w01;
-        s1 += NDLI_TWO_AT(block + 2) * w20;
-        s2 += NDLI_TWO_AT(block + 4) * NDLI_TWO_AT(w + 1);
-        s3 += NDLI_TWO_AT(block + 6) * w01;
-        s4 += block[8] * w[2];
-    }
-    return sb_v3(s0[0] + s0[1] + s1[0], s1[1] + s2[0] + s2[1], s3[0] + s3[1] + s4);
-}
-#undef NDLI_TWO_AT
-#else
-SBI_FORCE_INLINE sb_vec3 ndli_solid_row(const ndl_tissue *t, const sb_vec3 *x, int i)
-{
-    const sb_real *block = t->diagonal[i];
-    const int *column = t->columns + t->row_start[i], *end = column + t->row_count[i];
-    sb_real v0 = x[i].x, v1 = x[i].y, v2 = x[i].z;
-    sb_real s00 = block[0] * v0, s01 = block[1] * v1, s02 = block[2] * v2, s10 = block[3] * v0, s11 = block[4] * v1;
-    sb_real s12 = block[5] * v2, s20 = block[6] * v0, s21 = block[7] * v1, s22 = block[8] * v2;
-    block = t->blocks[t->row_start[i]];
-    for (; column < end; column++, block += 9) {
-        v0 = x[*column].x, v1 = x[*column].y, v2 = x[*column].z;
-        s00 += block[0] * v0, s01 += block[1] * v1, s02 += block[2] * v2;
-        s10 += block[3] * v0, s11 += block[4] * v1, s12 += block[5] * v2;
-        s20 += block[6] * v0, s21 += block[7] * v1, s22 += block[8] * v2;
-    }
-    return sb_v3(s00 + s01 + s02, s10 + s11 + s12, s20 + s21 + s22);
-}
-#endif
-
-NDLI_API void ndli_solid_multiply_rows(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x,
-                                       sb_vec3 *y, int first, int last)
-{
-    for (int i = first; i < last; i++)
-        y[i] = sb_v3_madd(sb_v3_scale(mass * t->mesh.mass[i], x[i]), stiffness, ndli_solid_row(t, x, i));
-}
-
-typedef struct ndli_solid_product {
-    const ndl_tissue *t;
-    sb_real mass, stiffness;
-    const sb_vec3 *x;
-    sb_vec3 *y;
-} ndli_solid_product;
-
-static void ndli_solid_product_task(void *user, int chunk)
-{
-    const ndli_solid_product *p = (const ndli_solid_product *)user;
-    int last = sbi_min_int(p->t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    ndli_solid_multiply_rows(p->t, p->mass, p->stiffness, p->x, p->y, chunk * NDLI_SOLID_CHUNK, last);
-}
-
-NDLI_API void ndli_solid_multiply(const ndl_tissue *t, sb_real mass, sb_real stiffness, const sb_vec3 *x, sb_vec3 *y)
-{
-    ndli_solid_product p;
-    p.t = t;
-    p.mass = mass;
-    p.stiffness = stiffness;
-    p.x = x;
-    p.y = y;
-    sbi_run(&t->jobs, ndli_solid_product_task, &p, ndli_solid_chunks(t->mesh.node_end));
-}
-
-/* ==== src/needle/tissue_precond.c ==== */
-/* tissue_precond: blocks on the diagonal, plus six rigid modes of each aggregate of some 64 nodes.
- *
- * The blocks smooth, the modes carry what is long: without them iterations grow with the number of elements along the
- * body. Added, not multiplied: one product with A per iteration. Any coarse matrix that is positive definite keeps the
- * whole so, which is why one of some steps ago will do. */
-
-#include <limits.h>
-#include <string.h>
-
-enum {
-    NDLI_COARSE_NODES = 64,     /* nodes of an aggregate */
-    NDLI_COARSE_MOST = 96,      /* aggregates: the factor is n^2 m^2 of their unknowns and band */
-    NDLI_COARSE_LEAST_NODES = 8, /* smaller ones join a neighbour */
-    NDLI_COARSE_AGE = 10,       /* steps, or */
-    NDLI_COARSE_WASTE = 12      /* iterations too many, which take as long as a new coarse matrix does */
-};
-
-/* ---- aggregates ---- */
-
-static int ndli_coarse_axis_cells(sb_real extent, sb_real cell)
-{
-    sb_real count = extent / cell + (sb_real)0.5;
-    return count < 1 ? 1 : count > 64 ? 64 : (int)count;
-}
-
-/* Cells along each axis for boxes of a given edge. */
-static int ndli_coarse_cells(sb_vec3 size, sb_real edge, int cells[3])
-{
-    cells[0] = ndli_coarse_axis_cells(size.x, edge);
-    cells[1] = ndli_coarse_axis_cells(size.y, edge);
-    cells[2] = ndli_coarse_axis_cells(size.z, edge);
-    return cells[0] * cells[1] * cells[2];
-}
-
-static void ndli_coarse_bounds(const ndl_tissue_mesh *mesh, sb_vec3 *low, sb_vec3 *size)
-{
-    sb_vec3 high = mesh->X[0];
-    *low = high;
-    for (int i = 1; i < mesh->node_end; i++) {
-        *low = sb_v3(sb_min(low->x, mesh->X[i].x), sb_min(low->y, mesh->X[i].y), sb_min(low->z, mesh->X[i].z));
-        high = sb_v3(sb_max(high.x, mesh->X[i].x), sb_max(high.y, mesh->X[i].y), sb_max(high.z, mesh->X[i].z));
-    }
-    *size = sb_v3_sub(high, *low);
-}
-
-static int ndli_coarse_index(sb_real at, sb_real extent, int cells)
-{
-    sb_real scaled = extent > 0 ? at / extent * (sb_real)cells : 0;
-    int index = scaled > 0 ? (int)sb_min(scaled, (sb_real)(cells - 1)) : 0;
-    return index;
-}
-
-/* aggregate[node] = number of its box, the longest axis slowest: neighbours have near numbers and the band is small. */
-static void ndli_coarse_box(ndl_tissue *t, sb_vec3 low, sb_vec3 size, const int cells[3])
-{
-    int order[3] = {0, 1, 2};
-    sb_real extent[3];
-    extent[0] = size.x, extent[1] = size.y, extent[2] = size.z;
-    for (int a = 0; a < 2; a++)
-        for (int b = 0; b < 2 - a; b++)
-            if (cells[order[b]] < cells[order[b + 1]]) {
-                int swap = order[b];
-                order[b] = order[b + 1];
-                order[b + 1] = swap;
-            }
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_vec3 from = sb_v3_sub(t->mesh.X[i], low);
-        sb_real at[3];
-        int number = 0;
-        at[0] = from.x, at[1] = from.y, at[2] = from.z;
-        for (int k = 0; k < 3; k++)
-            number = number * cells[order[k]] + ndli_coarse_index(at[order[k]], extent[order[k]], cells[order[k]]);
-        t->aggregate[i] = number;
-    }
-}
-
-/* Nodes of boxes with few go to the box of a neighbour with enough, from the outside in. scratch: sizes of boxes. */
-static void ndli_coarse_merge(ndl_tissue *t, int *sizes)
-{
-    int moved = 1;
-    while (moved) {
-        moved = 0;
-        for (int i = 0; i < t->mesh.node_end; i++) {
-            if (sizes[t->aggregate[i]] >= NDLI_COARSE_LEAST_NODES)
-                continue;
-            for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++) {
-                int other = t->aggregate[t->columns[k]];
-                if (sizes[other] < NDLI_COARSE_LEAST_NODES)
-                    continue;
-                sizes[t->aggregate[i]]--; /* stays small: all its nodes leave, as far as they have where to */
-                sizes[other]++;
-                t->aggregate[i] = other;
-                moved = 1;
-                break;
-            }
-        }
-    }
-}
-
-static void ndli_coarse_count(const ndl_tissue *t, int *sizes, int cells)
-{
-    memset(sizes, 0, (size_t)cells * sizeof(int));
-    for (int i = 0; i < t->mesh.node_end; i++)
-        sizes[t->aggregate[i]]++;
-}
-
-/* Aggregates of all nodes, numbered without gaps; their number. sizes: scratch for all boxes there may be. */
-static int ndli_coarse_aggregate(ndl_tissue *t, int *sizes)
-{
-    int nodes = t->mesh.node_count, cells[3], all, used, number = 0;
-    int goal = sbi_max_int(1, sbi_min_int(NDLI_COARSE_MOST, nodes / NDLI_COARSE_NODES));
-    sb_vec3 low, size;
-    sb_real edge;
-    ndli_coarse_bounds(&t->mesh, &low, &size);
-    edge = sb_max(sb_max(size.x, size.y), size.z);
-    /* smaller boxes until enough of them hold nodes */
-    do {
-        all = ndli_coarse_cells(size, edge, cells);
-        ndli_coarse_box(t, low, size, cells);
-        ndli_coarse_count(t, sizes, all);
-        used = 0;
-        for (int k = 0; k < all; k++)
-            used += sizes[k] >= NDLI_COARSE_LEAST_NODES;
-        edge *= (sb_real)0.92;
-    } while (used < goal && all < 8 * NDLI_COARSE_MOST);
-    ndli_coarse_merge(t, sizes);
-    for (int k = 0; k < all; k++)
-        sizes[k] = sizes[k] > 0 ? number++ : -1;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        t->aggregate[i] = sizes[t->aggregate[i]];
-    return number;
-}
-
-static void ndli_coarse_layout(ndli_solid_coarse *coarse, sbi_arena *arena, size_t count)
-{
-    coarse->start = (int *)sbi_arena_take(arena, count + 1, sizeof(int));
-    coarse->centre = (sb_vec3 *)sbi_arena_take(arena, count, sizeof(sb_vec3));
-    coarse->inverse_radius = (sb_real *)sbi_arena_take(arena, count, sizeof(sb_real));
-    coarse->factor = (double *)sbi_arena_take(arena, 36 * count * count, sizeof(double));
-    coarse->unknown = (double *)sbi_arena_take(arena, 6 * count, sizeof(double));
-}
-
-NDLI_API int ndli_solid_coarse_create(ndl_tissue *t)
-{
-    size_t boxes = 64 * 64 * 64;
-    int *sizes = (int *)sbi_alloc(&t->allocator, boxes, sizeof(int));
-    ndli_solid_coarse coarse;
-    sbi_arena arena;
-    memset(&coarse, 0, sizeof coarse);
-    memset(&arena, 0, sizeof arena);
-    if (!sizes)
-        return 0;
-    coarse.count = ndli_coarse_aggregate(t, sizes);
-    sbi_free(&t->allocator, sizes);
-    ndli_coarse_layout(&coarse, &arena, (size_t)coarse.count);
-    arena.base = (unsigned char *)sbi_alloc_zeroed(&t->allocator, arena.used, 1);
-    if (!arena.base)
-        return 0;
-    arena.used = 0;
-    ndli_coarse_layout(&coarse, &arena, (size_t)coarse.count);
-    coarse.block = arena.base;
-    t->coarse = coarse;
-    return 1;
-}
-
-NDLI_API void ndli_solid_coarse_changed(ndl_tissue *t, const ndl_mesh_change *change)
-{
-    /* a source may be one of the new nodes' slots: read all first */
-    for (int i = 0; i < change->node_count; i++) {
-        const ndl_node_change *node = change->nodes + i;
-        int best = 0;
-        for (int c = 1; c < 4; c++)
-            if (node->weights[c] > node->weights[best])
-                best = c;
-        if (node->sources[best] < t->node_room && node->node < t->node_room)
-            t->scratch[node->node] = t->aggregate[node->sources[best]];
-    }
-    for (int i = 0; i < change->node_count; i++) {
-        const ndl_node_change *node = change->nodes + i;
-        int aggregate;
-        if (node->node >= t->node_room)
-            continue;
-        aggregate = node->created ? t->scratch[node->node] : t->aggregate[node->node];
-        t->scratch[node->node] = 0;
-        t->aggregate[node->node] = aggregate;
-        t->arm[node->node] = sb_v3_scale(t->coarse.inverse_radius[aggregate],
-                                         sb_v3_sub(t->mesh.x[node->node], t->coarse.centre[aggregate]));
-    }
-    t->coarse.listed = 0;
-}
-
-/* Nodes by aggregate, ascending. */
-static void ndli_coarse_list(ndl_tissue *t)
-{
-    ndli_solid_coarse *coarse = &t->coarse;
-    int *start = coarse->start;
-    memset(start, 0, ((size_t)coarse->count + 1) * sizeof(int));
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->mesh.node_flags[i])
-            start[t->aggregate[i] + 1]++;
-    for (int k = 0; k < coarse->count; k++)
-        start[k + 1] += start[k];
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->mesh.node_flags[i])
-            t->coarse_nodes[start[t->aggregate[i]]++] = i;
-    memmove(start + 1, start, (size_t)coarse->count * sizeof(int));
-    start[0] = 0;
-    coarse->listed = 1;
-}
-
-/* ---- the coarse matrix P^T A P ---- */
-
-/* Centres and arms at the nodes' present places. */
-static void ndli_coarse_measure(ndl_tissue *t)
-{
-    ndli_solid_coarse *coarse = &t->coarse;
-    for (int k = 0; k < coarse->count; k++) {
-        int first = coarse->start[k], end = coarse->start[k + 1];
-        sb_vec3 centre = sb_v3(0, 0, 0);
-        sb_real square = 0;
-        for (int n = first; n < end; n++)
-            centre = sb_v3_add(centre, t->mesh.x[t->coarse_nodes[n]]);
-        centre = sb_v3_scale(1 / (sb_real)sbi_max_int(1, end - first), centre);
-        for (int n = first; n < end; n++) {
-            sb_vec3 arm = sb_v3_sub(t->mesh.x[t->coarse_nodes[n]], centre);
-            square += sb_v3_dot(arm, arm);
-        }
-        coarse->centre[k] = centre;
-        coarse->inverse_radius[k] = square > 0 ? sb_sqrt((sb_real)(end - first) / square) : 0;
-        for (int n = first; n < end; n++)
-            t->arm[t->coarse_nodes[n]] =
-                sb_v3_scale(coarse->inverse_radius[k], sb_v3_sub(t->mesh.x[t->coarse_nodes[n]], centre));
-    }
-}
-
-/* s += B M_j with M = (I, -[arm]). */
-SBI_FORCE_INLINE void ndli_coarse_gather(const sb_real *block, sb_real factor, sb_vec3 arm_j, double s[3][6])
-{
-    for (int r = 0; r < 3; r++) {
-        sb_vec3 row = sb_v3(factor * block[3 * r], factor * block[3 * r + 1], factor * block[3 * r + 2]);
-        sb_vec3 turn = sb_v3_cross(arm_j, row);
-        s[r][0] += (double)row.x, s[r][1] += (double)row.y, s[r][2] += (double)row.z;
-        s[r][3] += (double)turn.x, s[r][4] += (double)turn.y, s[r][5] += (double)turn.z;
-    }
-}
-
-/* w = M_i^T s: what blocks B of node i add to a block of aggregates, s being the sum of their B M_j. */
-SBI_FORCE_INLINE void ndli_coarse_project(const double s[3][6], sb_vec3 arm_i, double w[6][6])
-{
-    double x = (double)arm_i.x, y = (double)arm_i.y, z = (double)arm_i.z;
-    for (int c = 0; c < 6; c++) {
-        w[0][c] = s[0][c];
-        w[1][c] = s[1][c];
-        w[2][c] = s[2][c];
-        w[3][c] = y * s[2][c] - z * s[1][c];
-        w[4][c] = z * s[0][c] - x * s[2][c];
-        w[5][c] = x * s[1][c] - y * s[0][c];
-    }
-}
-
-/* Adds w to block (I, J) of the lower half, or w^T to (J, I); on the diagonal w, or w + w^T, in the lower half. */
-static void ndli_coarse_add(ndli_solid_coarse *coarse, int I, int J, const double w[6][6], int twice)
-{
-    size_t stride = (size_t)coarse->width + 1;
-    double *corner = coarse->factor + (size_t)(6 * sbi_max_int(I, J)) * stride +
-                     (size_t)(coarse->width - 6 * (I > J ? I - J : J - I));
-    for (int r = 0; r < 6; r++) {
-        double *to = corner + (size_t)r * (stride - 1); /* row r of the block */
-        if (I > J)
-            for (int c = 0; c < 6; c++)
-                to[c] += w[r][c];
-        else if (I < J)
-            for (int c = 0; c < 6; c++)
-                to[c] += w[c][r];
-        else
-            for (int c = 0; c <= r; c++)
-                to[c] += twice ? w[r][c] + w[c][r] : w[r][c];
-    }
-}
-
-/* Blocks (i, i) and (i, j), i < j; those of one aggregate together. */
-static void ndli_coarse_add_row(ndl_tissue *t, int i)
-{
-    int I = t->aggregate[i], end = t->row_start[i] + t->row_count[i];
-    double own[3][6] = {{0}}, s[3][6] = {{0}}, w[6][6];
-    sb_real block[9];
-    for (int c = 0; c < 9; c++)
-        block[c] = t->scheme.stiffness * t->diagonal[i][c];
-    for (int c = 0; c < 9; c += 4)
-        block[c] += t->scheme.mass * t->mesh.mass[i];
-    ndli_coarse_gather(block, 1, t->arm[i], s);
-    ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
-    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 0);
-    for (int k = t->row_start[i]; k < end; k++) {
-        int j = t->columns[k], J = t->aggregate[j];
-        if (j < i || t->role[j] != NDLI_ROW_FREE)
-            continue;
-        if (J == I) {
-            ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], own);
-            continue;
-        }
-        memset(s, 0, sizeof s);
-        ndli_coarse_gather(t->blocks[k], t->scheme.stiffness, t->arm[j], s);
-        ndli_coarse_project((const double(*)[6])s, t->arm[i], w);
-        ndli_coarse_add(&t->coarse, I, J, (const double(*)[6])w, 0);
-    }
-    ndli_coarse_project((const double(*)[6])own, t->arm[i], w);
-    ndli_coarse_add(&t->coarse, I, I, (const double(*)[6])w, 1);
-}
-
-/* In the order of rows, not of edges, whose numbers depend on the way the mesh has come. */
-static void ndli_coarse_assemble(ndl_tissue *t)
-{
-    ndli_solid_coarse *coarse = &t->coarse;
-    int reach = 0;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        for (int k = t->row_start[i]; k < t->row_start[i] + t->row_count[i]; k++)
-            reach = sbi_max_int(reach, t->aggregate[i] - t->aggregate[t->columns[k]]);
-    coarse->width = 6 * reach + 5;
-    memset(coarse->factor, 0, (size_t)(6 * coarse->count) * ((size_t)coarse->width + 1) * sizeof(double));
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->role[i] == NDLI_ROW_FREE)
-            ndli_coarse_add_row(t, i);
-}
-
-/* Sum of a_k b_k, in eight parts: compilers make vectors of them, and all the same bits. */
-SBI_FORCE_INLINE double ndli_coarse_dot(const double *a, const double *b, int count)
-{
-    double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-    int k = 0;
-    for (; k + 8 <= count; k += 8)
-        for (int c = 0; c < 8; c++)
-            s[c] += a[k + c] * b[k + c];
-    for (int c = 0; k < count; k++, c++)
-        s[c] += a[k] * b[k];
-    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
-}
-
-/* A = L D L^T by rows of the band, 1/D on the diagonal; 0: not positive definite. A mode that nothing resists (all its
- * nodes held, or in line) has no residual either: any pivot will do. */
-static int ndli_coarse_factor(ndli_solid_coarse *coarse)
-{
-    int n = 6 * coarse->count, width = coarse->width;
-    size_t stride = (size_t)width + 1;
-    double largest = 0;
-    for (int i = 0; i < n; i++) {
-        double d = coarse->factor[(size_t)i * stride + (size_t)width];
-        largest = d > largest ? d : largest;
-    }
-    if (!(largest > 0) || !(largest <= (double)SB_REAL_MAX))
-        return 0;
-    for (int i = 0; i < n; i++) {
-        double *row = coarse->factor + (size_t)i * stride + width - i, pivot;
-        int first = sbi_max_int(0, i - width);
-        row[i] = pivot = row[i] + 1e-9 * largest;
-        for (int j = first; j < i; j++) {
-            const double *other = coarse->factor + (size_t)j * stride + width - j;
-            int k = sbi_max_int(first, j - width);
-            row[j] -= ndli_coarse_dot(row + k, other + k, j - k);
-        }
-        for (int j = first; j < i; j++) {
-            double scaled = row[j] * coarse->factor[(size_t)j * stride + (size_t)width];
-            pivot -= row[j] * scaled;
-            row[j] = scaled;
-        }
-        if (!(pivot > 0))
-            return 0;
-        row[i] = 1 / pivot;
-    }
-    return 1;
-}
-
-static void ndli_coarse_solve(const ndli_solid_coarse *coarse, double *b)
-{
-    int n = 6 * coarse->count, width = coarse->width;
-    size_t stride = (size_t)width + 1;
-    for (int i = 0; i < n; i++) {
-        const double *row = coarse->factor + (size_t)i * stride + width - i;
-        int first = sbi_max_int(0, i - width);
-        b[i] -= ndli_coarse_dot(row + first, b + first, i - first);
-    }
-    for (int i = 0; i < n; i++)
-        b[i] *= coarse->factor[(size_t)i * stride + (size_t)width];
-    for (int i = n - 1; i > 0; i--) {
-        const double *SB_RESTRICT row = coarse->factor + (size_t)i * stride + width - i;
-        double known = b[i];
-        int j = sbi_max_int(0, i - width);
-        for (; j + 8 <= i; j += 8)
-            for (int c = 0; c < 8; c++)
-                b[j + c] -= row[j + c] * known;
-        for (; j < i; j++)
-            b[j] -= row[j] * known;
-    }
-}
-
-/* ---- blocks ---- */
-
-static void ndli_precond_block_task(void *user, int chunk)
-{
-    ndl_tissue *t = (ndl_tissue *)user;
-    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
-        sb_mat3 inverse;
-        if (t->inverse_valid && !t->node_dirty[i])
-            continue;
-        t->node_dirty[i] = 0;
-        if (t->role[i] != NDLI_ROW_FREE || sb_m3_spd_inverse(ndli_solid_node_block(t, i), &inverse) != 0)
-            inverse = sb_m3_zero();
-        memcpy(t->inverse[i], inverse.m, sizeof t->inverse[i]);
-    }
-}
-
-static int ndli_precond_coarse_is_due(const ndl_tissue *t)
-{
-    const ndli_solid_coarse *coarse = &t->coarse;
-    sb_real mass = t->scheme.mass - coarse->made_mass, stiffness = t->scheme.stiffness - coarse->made_stiffness;
-    return coarse->age <= 0 || coarse->age >= NDLI_COARSE_AGE || coarse->wasted >= NDLI_COARSE_WASTE ||
-           sb_abs(mass) > (sb_real)0.1 * coarse->made_mass ||
-           sb_abs(stiffness) > (sb_real)0.1 * coarse->made_stiffness;
-}
-
-NDLI_API int ndli_solid_precond_update(ndl_tissue *t)
-{
-    ndli_solid_coarse *coarse = &t->coarse;
-    sbi_run(&t->jobs, ndli_precond_block_task, t, ndli_solid_chunks(t->mesh.node_end));
-    t->inverse_valid = 1;
-    if (!coarse->listed)
-        ndli_coarse_list(t);
-    if (!ndli_precond_coarse_is_due(t))
-        return 0;
-    ndli_coarse_measure(t);
-    ndli_coarse_assemble(t);
-    coarse->usable = ndli_coarse_factor(coarse);
-    coarse->age = coarse->wasted = 0;
-    coarse->made_mass = t->scheme.mass;
-    coarse->made_stiffness = t->scheme.stiffness;
-    return 1;
-}
-
-/* ---- applying it ---- */
-
-typedef struct ndli_precond_job {
-    ndl_tissue *t;
-    const sb_vec3 *r;
-    sb_vec3 *z;
-} ndli_precond_job;
-
-/* unknown = P^T r, an aggregate at a time. */
-static void ndli_precond_restrict_task(void *user, int k)
-{
-    const ndli_precond_job *job = (const ndli_precond_job *)user;
-    ndl_tissue *t = job->t;
-    double *out = t->coarse.unknown + 6 * (size_t)k;
-    double s[6] = {0, 0, 0, 0, 0, 0};
-    for (int n = t->coarse.start[k]; n < t->coarse.start[k + 1]; n++) {
-        int i = t->coarse_nodes[n];
-        sb_vec3 r, turn;
-        if (t->role[i] != NDLI_ROW_FREE)
-            continue;
-        r = job->r[i];
-        turn = sb_v3_cross(t->arm[i], r);
-        s[0] += (double)r.x, s[1] += (double)r.y, s[2] += (double)r.z;
-        s[3] += (double)turn.x, s[4] += (double)turn.y, s[5] += (double)turn.z;
-    }
-    memcpy(out, s, sizeof s);
-}
-
-/* z = D^-1 r + P unknown, and the chunk's r.z. */
-static void ndli_precond_apply_task(void *user, int chunk)
-{
-    const ndli_precond_job *job = (const ndli_precond_job *)user;
-    ndl_tissue *t = job->t;
-    int last = sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-    double sum = 0;
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < last; i++) {
-        const sb_real *m = t->inverse[i];
-        sb_vec3 r = job->r[i], z;
-        if (t->role[i] != NDLI_ROW_FREE) {
-            job->z[i] = sb_v3(0, 0, 0);
-            continue;
-        }
-        z = sb_v3(m[0] * r.x + m[1] * r.y + m[2] * r.z, m[3] * r.x + m[4] * r.y + m[5] * r.z,
-                  m[6] * r.x + m[7] * r.y + m[8] * r.z);
-        if (t->coarse.usable) {
-            const double *u = t->coarse.unknown + 6 * (size_t)t->aggregate[i];
-            sb_vec3 turn = sb_v3((sb_real)u[3], (sb_real)u[4], (sb_real)u[5]);
-            z = sb_v3_add(sb_v3_add(z, sb_v3((sb_real)u[0], (sb_real)u[1], (sb_real)u[2])),
-                          sb_v3_cross(turn, t->arm[i]));
-        }
-        job->z[i] = z;
-        sum += (double)r.x * (double)z.x + (double)r.y * (double)z.y + (double)r.z * (double)z.z;
-    }
-    t->partial[2 * chunk] = sum;
-}
-
-NDLI_API double ndli_solid_precondition(ndl_tissue *t, const sb_vec3 *r, sb_vec3 *z)
-{
-    int chunks = ndli_solid_chunks(t->mesh.node_end);
-    double sum = 0;
-    ndli_precond_job job;
-    job.t = t;
-    job.r = r;
-    job.z = z;
-    if (t->coarse.usable) {
-        sbi_run(&t->jobs, ndli_precond_restrict_task, &job, t->coarse.count);
-        ndli_coarse_solve(&t->coarse, t->coarse.unknown);
-    }
-    sbi_run(&t->jobs, ndli_precond_apply_task, &job, chunks);
-    for (int k = 0; k < chunks; k++)
-        sum += t->partial[2 * k];
-    return sum;
-}
-
-/* ==== src/needle/tissue_step.c ==== */
-/* tissue_step: one linear system for the accelerations at the end of the step. */
-
-#include <string.h>
-
-static double ndli_solid_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
-
-/* ---- the step's terms ---- */
-
-/* With gamma 1/2 a node that a needle leads keeps an acceleration that turns over in each step, and needles would shake
- * for ever. With 0.6 a fifth of it is gone after a step; motion at the angular frequency w loses a share of
- * 0.05 (w dt)^2. */
-static void ndli_solid_set_scheme(ndl_tissue *t, sb_real dt)
-{
-    ndli_solid_scheme *s = &t->scheme;
-    sb_real mass = s->mass, stiffness = s->stiffness;
-    int newmark = t->integrator == NDL_NEWMARK && !t->calm;
-    sb_real gamma = t->led ? (sb_real)0.6 : (sb_real)0.5, root = (sb_real)0.5 * ((sb_real)0.5 + gamma);
-    s->dt = dt;
-    s->beta = newmark ? root * root : (sb_real)1;
-    s->c0 = newmark ? (sb_real)0.5 - s->beta : (sb_real)0;
-    s->gamma = newmark ? gamma : (sb_real)1;
-    s->mass = 1 + s->gamma * dt * t->damping_mass;
-    s->stiffness = s->beta * dt * dt + s->gamma * dt * t->damping_stiffness;
-    if (s->mass != mass || s->stiffness != stiffness)
-        t->inverse_valid = 0;
-}
-
-/* Velocity without the part that the unknown acceleration brings. */
-static sb_vec3 ndli_solid_coast(const ndl_tissue *t, int i)
-{
-    return sb_v3_madd(t->mesh.v[i], t->scheme.dt * (1 - t->scheme.gamma), t->before[i]);
-}
-
-/* Velocity of a held node at the end of the step. */
-static sb_vec3 ndli_solid_held_velocity(const ndl_tissue *t, int i)
-{
-    if (t->has_velocity[i])
-        return t->target_velocity[i];
-    return sb_v3_scale(1 / t->scheme.dt, sb_v3_sub(t->target[i], t->mesh.x[i]));
-}
-
-/* Elastic force, weight and load. */
-static sb_vec3 ndli_solid_load(const ndl_tissue *t, int i)
-{
-    return sb_v3_madd(sb_v3_add(t->internal[i], t->force[i]), t->mesh.mass[i], t->gravity);
-}
-
-/* way = what K acts on at the end of the step, displacement and beta_s times velocity, but for the unknown's part. */
-static void ndli_solid_set_way(ndl_tissue *t)
-{
-    const ndli_solid_scheme *s = &t->scheme;
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_vec3 way = sb_v3(0, 0, 0);
-        if (t->role[i] == NDLI_ROW_HELD) {
-            way = sb_v3_sub(t->target[i], t->mesh.x[i]);
-            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_held_velocity(t, i));
-        } else if (t->role[i] != NDLI_ROW_ABSENT) {
-            way = sb_v3_madd(sb_v3_scale(s->dt, t->mesh.v[i]), s->dt * s->dt * s->c0, t->before[i]);
-            way = sb_v3_madd(way, t->damping_stiffness, ndli_solid_coast(t, i));
-        }
-        t->way[i] = way;
-    }
-}
-
-static void ndli_solid_set_rhs(ndl_tissue *t)
-{
-    ndli_solid_set_way(t);
-    ndli_solid_multiply(t, 0, 1, t->way, t->product);
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_vec3 b;
-        t->rhs[i] = sb_v3(0, 0, 0);
-        if (t->role[i] == NDLI_ROW_HELD || t->role[i] == NDLI_ROW_ABSENT)
-            continue;
-        b = sb_v3_sub(ndli_solid_load(t, i), t->product[i]);
-        t->rhs[i] = sb_v3_madd(b, -t->damping_mass * t->mesh.mass[i], ndli_solid_coast(t, i));
-    }
-}
-
-/* before = accelerations, those of M a = f - C v where there are none yet. */
-static void ndli_solid_set_before(ndl_tissue *t)
-{
-    int n = t->mesh.node_end;
-    if (t->acceleration_known || t->integrator == NDL_EULER) {
-        memcpy(t->before, t->mesh.a, (size_t)n * sizeof(sb_vec3));
-        return;
-    }
-    for (int i = 0; i < n; i++)
-        t->way[i] = t->role[i] == NDLI_ROW_ABSENT ? sb_v3(0, 0, 0) : t->mesh.v[i];
-    ndli_solid_multiply(t, t->damping_mass, t->damping_stiffness, t->way, t->product);
-    for (int i = 0; i < n; i++) {
-        t->before[i] = sb_v3(0, 0, 0);
-        if (t->role[i] != NDLI_ROW_HELD && t->role[i] != NDLI_ROW_ABSENT)
-            t->before[i] = sb_v3_scale(1 / t->mesh.mass[i], sb_v3_sub(ndli_solid_load(t, i), t->product[i]));
-    }
-}
-
-/* Forces and K at the present positions, unless they are there: a step that failed leaves them for the next. */
-static void ndli_solid_evaluate(ndl_tissue *t, ndl_tissue_info *info)
-{
-    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
-    double begin = ndli_solid_now(t), middle;
-    if (!t->changed && t->seen_end == t->mesh.node_end && memcmp(t->seen_x, t->mesh.x, bytes) == 0)
-        return;
-    ndli_solid_forces(t);
-    middle = ndli_solid_now(t);
-    info->seconds_force = middle - begin;
-    info->refreshed = ndli_solid_stiffness(t);
-    memcpy(t->seen_x, t->mesh.x, bytes);
-    t->seen_end = t->mesh.node_end;
-    t->changed = 0;
-}
-
-/* ---- the ledger ---- */
-
-static double ndli_solid_kinetic(const ndl_tissue *t)
-{
-    double sum = 0;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->role[i] != NDLI_ROW_ABSENT)
-            sum += 0.5 * (double)t->mesh.mass[i] * (double)sb_v3_dot(t->mesh.v[i], t->mesh.v[i]);
-    return sum;
-}
-
-static double ndli_solid_whereabouts(const ndl_tissue *t)
-{
-    double sum = 0;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->role[i] != NDLI_ROW_ABSENT)
-            sum += (double)t->mesh.x[i].x + (double)t->mesh.x[i].y + (double)t->mesh.x[i].z + (double)t->mesh.v[i].x +
-                   (double)t->mesh.v[i].y + (double)t->mesh.v[i].z;
-    return sum;
-}
-
-/* 1 when there is a tenth more energy than came in. The ledger follows what is lost, a twentieth of it per step (the
- * energy of a sound Newmark step goes up and down a little), and slowly what changes of the mesh bring. Where others
- * have set the state it is opened anew. */
-static int ndli_solid_has_gained(ndl_tissue *t, int changed)
-{
-    double energy = t->elastic + ndli_solid_kinetic(t), allowed = t->ledger + t->work;
-    double noise = 64 * (double)SB_EPSILON * t->work_unit;
-    int gained;
-    if (!t->ledger_open || (!changed && ndli_solid_whereabouts(t) != t->left_at))
-        allowed = energy;
-    gained = energy > 1.1 * allowed + noise;
-    t->next_ledger = allowed + (gained ? 0.01 : energy < allowed ? 0.05 : 0) * (energy - allowed);
-    return gained;
-}
-
-NDLI_API sb_result ndli_solid_begin(ndl_tissue *t, sb_real dt, ndl_tissue_info *info, sb_error *error)
-{
-    double begin;
-    int changed = t->changed;
-    if (t->broken && !ndli_solid_rebuild(t))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of the changed tissue");
-    begin = ndli_solid_now(t);
-    ndli_solid_evaluate(t, info);
-    t->calm = t->watched && ndli_solid_has_gained(t, changed);
-    info->calmed = t->calm;
-    ndli_solid_set_scheme(t, dt);
-    ndli_solid_set_before(t);
-    ndli_solid_set_rhs(t);
-    info->coarse_refreshed = ndli_solid_precond_update(t);
-    info->seconds_matrix = ndli_solid_now(t) - begin - info->seconds_force;
+    if ((int)result != ints[2])
+        return sbi_fail(error, SB_ERROR_STATE, "a call of the remesher returns '%s' where '%s' was recorded",
+                        sb_result_string(result), sb_result_string((sb_result)ints[2]));
     return SB_OK;
-}
-
-NDLI_API sb_mat3 ndli_solid_node_block(const ndl_tissue *t, int node)
-{
-    sb_mat3 a;
-    for (int c = 0; c < 9; c++)
-        a.m[c / 3][c % 3] = t->scheme.stiffness * t->diagonal[node][c];
-    for (int c = 0; c < 3; c++)
-        a.m[c][c] += t->scheme.mass * t->mesh.mass[node];
-    return a;
-}
-
-NDLI_API int ndli_solid_edge_block(const ndl_tissue *t, int i, int j, sb_mat3 *block)
-{
-    int place = ndli_solid_find(t, i, j);
-    *block = sb_m3_zero();
-    for (int c = 0; place >= 0 && c < 9; c++)
-        block->m[c / 3][c % 3] = t->scheme.stiffness * t->blocks[place][c];
-    return place >= 0;
-}
-
-/* ---- conjugate gradients ---- */
-
-static int ndli_solid_end(const ndl_tissue *t, int chunk)
-{
-    return sbi_min_int(t->mesh.node_end, (chunk + 1) * NDLI_SOLID_CHUNK);
-}
-
-/* p = z + factor p */
-static void ndli_solid_direction_task(void *user, int chunk)
-{
-    const ndli_solid_cg *cg = (const ndli_solid_cg *)user;
-    ndl_tissue *t = cg->t;
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < ndli_solid_end(t, chunk); i++)
-        t->search[i] = sb_v3_madd(t->correction[i], cg->factor, t->search[i]);
-}
-
-/* q = A p, p.q; p is 0 on rows without an unknown. */
-static void ndli_solid_cg_product_task(void *user, int chunk)
-{
-    ndl_tissue *t = ((const ndli_solid_cg *)user)->t;
-    int first = chunk * NDLI_SOLID_CHUNK, last = ndli_solid_end(t, chunk);
-    double sum = 0;
-    ndli_solid_multiply_rows(t, t->scheme.mass, t->scheme.stiffness, t->search, t->product, first, last);
-    for (int i = first; i < last; i++)
-        sum += (double)t->search[i].x * (double)t->product[i].x + (double)t->search[i].y * (double)t->product[i].y +
-               (double)t->search[i].z * (double)t->product[i].z;
-    t->partial[2 * chunk] = sum;
-}
-
-/* a += factor p, r -= factor q; r stays as it is where there is no unknown: nothing reads it. */
-static void ndli_solid_advance_task(void *user, int chunk)
-{
-    const ndli_solid_cg *cg = (const ndli_solid_cg *)user;
-    ndl_tissue *t = cg->t;
-    for (int i = chunk * NDLI_SOLID_CHUNK; i < ndli_solid_end(t, chunk); i++) {
-        t->unknown[i] = sb_v3_madd(t->unknown[i], cg->factor, t->search[i]);
-        t->residual[i] = sb_v3_madd(t->residual[i], -cg->factor, t->product[i]);
-    }
-}
-
-/* q = A p; returns p.q. */
-static double ndli_solid_curvature(ndli_solid_cg *cg)
-{
-    int chunks = ndli_solid_chunks(cg->t->mesh.node_end);
-    double sum = 0;
-    sbi_run(&cg->t->jobs, ndli_solid_cg_product_task, cg, chunks);
-    for (int k = 0; k < chunks; k++)
-        sum += cg->t->partial[2 * k];
-    return cg->guest ? sum + cg->guest->multiply(cg->guest->user) : sum;
-}
-
-static void ndli_solid_direct(ndli_solid_cg *cg, sb_real factor)
-{
-    cg->factor = factor;
-    sbi_run(&cg->t->jobs, ndli_solid_direction_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
-    if (cg->guest)
-        cg->guest->direct(cg->guest->user, factor);
-}
-
-static void ndli_solid_advance(ndli_solid_cg *cg, sb_real factor)
-{
-    cg->factor = factor;
-    sbi_run(&cg->t->jobs, ndli_solid_advance_task, cg, ndli_solid_chunks(cg->t->mesh.node_end));
-    if (cg->guest)
-        cg->guest->advance(cg->guest->user, factor);
-}
-
-static void ndli_solid_correct(ndli_solid_cg *cg)
-{
-    cg->rz = ndli_solid_precondition(cg->t, cg->t->residual, cg->t->correction);
-    if (cg->guest)
-        cg->rz += cg->guest->precondition(cg->guest->user);
-}
-
-static int ndli_solid_is_finite(double x) { return x - x == 0; }
-
-/* Names a node whose equation is not finite, if one is. */
-static sb_result ndli_solid_lost(const ndl_tissue *t, sb_error *error)
-{
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (!sb_v3_is_finite(t->rhs[i]))
-            return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the force on node %d is not finite", i);
-    return sbi_fail(error, SB_ERROR_DIVERGED, "the accelerations are too large for the matrix");
-}
-
-NDLI_API void ndli_solid_cg_residual(ndli_solid_cg *cg)
-{
-    ndl_tissue *t = cg->t;
-    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
-    memcpy(t->residual, t->rhs, bytes);
-    if (cg->guest)
-        cg->guest->begin(cg->guest->user);
-    memcpy(t->search, t->unknown, bytes);
-    ndli_solid_curvature(cg);
-    for (int i = 0; i < t->mesh.node_end; i++)
-        t->residual[i] = sb_v3_sub(t->residual[i], t->product[i]);
-    if (cg->guest)
-        cg->guest->settle(cg->guest->user);
-}
-
-NDLI_API void ndli_solid_cg_begin(ndli_solid_cg *cg)
-{
-    ndli_solid_cg_residual(cg);
-    ndli_solid_correct(cg);
-}
-
-NDLI_API sb_result ndli_solid_cg_run(ndli_solid_cg *cg, double target, sb_error *error)
-{
-    ndl_tissue *t = cg->t;
-    sb_real factor = 0;
-    while (cg->rz > target && ndli_solid_is_finite(cg->rz) && cg->iterations < t->max_iterations) {
-        double curvature, last = cg->rz;
-        ndli_solid_direct(cg, factor);
-        curvature = ndli_solid_curvature(cg);
-        if (!(curvature > 0) || !ndli_solid_is_finite(curvature))
-            return ndli_solid_lost(t, error);
-        ndli_solid_advance(cg, (sb_real)(cg->rz / curvature));
-        ndli_solid_correct(cg);
-        factor = (sb_real)(cg->rz / last);
-        cg->iterations++;
-    }
-    return ndli_solid_is_finite(cg->rz) ? SB_OK : ndli_solid_lost(t, error);
-}
-
-NDLI_API sb_result ndli_solid_solve(ndl_tissue *t, ndl_tissue_info *info, sb_error *error)
-{
-    size_t bytes = (size_t)t->mesh.node_end * sizeof(sb_vec3);
-    ndli_solid_cg cg = {t, NULL, 0, 0, 0};
-    double first, target;
-    sb_result result;
-    memset(t->unknown, 0, bytes);
-    memset(t->search, 0, bytes);
-    memcpy(t->residual, t->rhs, bytes);
-    ndli_solid_correct(&cg);
-    first = cg.rz;
-    target = (double)t->tolerance * (double)t->tolerance * first;
-    result = ndli_solid_cg_run(&cg, target, error);
-    info->iterations = cg.iterations;
-    info->capped = cg.iterations >= t->max_iterations && cg.rz > target;
-    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
-    return result;
-}
-
-/* ---- the end of the step ---- */
-
-/* Where a node in use will be. */
-static void ndli_solid_arrive(const ndl_tissue *t, int i, sb_vec3 *x, sb_vec3 *v, sb_vec3 *a)
-{
-    const ndli_solid_scheme *s = &t->scheme;
-    if (t->role[i] == NDLI_ROW_HELD) {
-        *x = t->target[i];
-        *v = ndli_solid_held_velocity(t, i);
-        *a = sb_v3_scale(1 / s->dt, sb_v3_sub(*v, t->mesh.v[i]));
-        return;
-    }
-    *a = t->unknown[i];
-    *v = sb_v3_madd(ndli_solid_coast(t, i), s->dt * s->gamma, *a);
-    *x = sb_v3_madd(t->mesh.x[i], s->dt, t->mesh.v[i]);
-    *x = sb_v3_madd(*x, s->dt * s->dt * s->c0, t->before[i]);
-    *x = sb_v3_madd(*x, s->dt * s->dt * s->beta, *a);
-}
-
-/* Forces of the supports: the balance of their rows. */
-static void ndli_solid_react(ndl_tissue *t)
-{
-    int n = t->mesh.node_end;
-    for (int i = 0; i < n; i++)
-        if (t->role[i] != NDLI_ROW_HELD && t->role[i] != NDLI_ROW_ABSENT)
-            t->way[i] = sb_v3_madd(t->way[i], t->scheme.stiffness, t->unknown[i]);
-    for (int i = 0; i < n; i++) {
-        sb_vec3 x, v, a, inertia;
-        t->reaction[i] = sb_v3(0, 0, 0);
-        if (t->role[i] != NDLI_ROW_HELD)
-            continue;
-        ndli_solid_arrive(t, i, &x, &v, &a);
-        ndli_solid_multiply_rows(t, 0, 1, t->way, t->product, i, i + 1);
-        inertia = sb_v3_scale(t->mesh.mass[i], sb_v3_madd(a, t->damping_mass, v));
-        t->reaction[i] = sb_v3_sub(sb_v3_add(inertia, t->product[i]), ndli_solid_load(t, i));
-    }
-}
-
-/* Work of gravity, forces and supports on the way to the end of the step; where a support's force has changed, the
- * larger. Called with the reactions of the last step, and after with the present ones. */
-static void ndli_solid_note_work(ndl_tissue *t, int after)
-{
-    double sum = 0, size = 0;
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        sb_vec3 x, v, a, load;
-        double support, dead;
-        if (t->role[i] == NDLI_ROW_ABSENT)
-            continue;
-        ndli_solid_arrive(t, i, &x, &v, &a);
-        x = sb_v3_sub(x, t->mesh.x[i]);
-        load = sb_v3_madd(t->force[i], t->mesh.mass[i], t->gravity);
-        support = t->role[i] == NDLI_ROW_HELD ? (double)sb_v3_dot(t->reaction[i], x) : 0;
-        dead = (double)sb_v3_dot(load, x);
-        sum += support + dead;
-        size += fabs(support) + fabs(dead);
-    }
-    t->work = after && t->work > sum ? t->work : sum;
-    t->work_unit = size + t->elastic;
-}
-
-NDLI_API sb_result ndli_solid_commit(ndl_tissue *t, sb_error *error)
-{
-    sb_vec3 x, v, a;
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        if (t->role[i] == NDLI_ROW_ABSENT)
-            continue;
-        ndli_solid_arrive(t, i, &x, &v, &a);
-        if (!sb_v3_is_finite(x) || !sb_v3_is_finite(v) || !sb_v3_is_finite(a))
-            return sbi_fail_node(error, SB_ERROR_DIVERGED, i, "the motion of node %d is not finite", i);
-    }
-    ndli_solid_note_work(t, 0);
-    ndli_solid_react(t);
-    ndli_solid_note_work(t, 1);
-    for (int i = 0; i < t->mesh.node_end; i++) {
-        if (t->role[i] == NDLI_ROW_ABSENT)
-            continue;
-        ndli_solid_arrive(t, i, &x, &v, &a);
-        t->mesh.x[i] = x;
-        t->mesh.v[i] = v;
-        t->mesh.a[i] = a;
-        t->has_velocity[i] = 0;
-    }
-    t->acceleration_known = 1;
-    t->ledger = t->next_ledger;
-    t->ledger_open = t->watched;
-    t->left_at = ndli_solid_whereabouts(t);
-    return SB_OK;
-}
-
-NDLI_API void ndli_solid_wear(ndl_tissue *t, int iterations)
-{
-    if (t->coarse.age++ == 0)
-        t->coarse.fresh_iterations = iterations;
-    t->coarse.wasted += sbi_max_int(0, iterations - t->coarse.fresh_iterations);
-}
-
-NDL_API sb_result ndl_tissue_step(ndl_tissue *tissue, sb_real dt, ndl_tissue_info *info, sb_error *error)
-{
-    ndl_tissue_info own;
-    sb_result result;
-    double begin, middle;
-    info = info ? info : &own;
-    memset(info, 0, sizeof *info);
-    if (!tissue || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue and dt > 0, not %g", (double)dt);
-    begin = ndli_solid_now(tissue);
-    tissue->watched = tissue->integrator == NDL_NEWMARK;
-    result = ndli_solid_begin(tissue, dt, info, error);
-    tissue->calm = tissue->calm && result == SB_OK;
-    middle = ndli_solid_now(tissue);
-    if (result == SB_OK)
-        result = ndli_solid_solve(tissue, info, error);
-    info->seconds_solve = ndli_solid_now(tissue) - middle;
-    if (result == SB_OK)
-        result = ndli_solid_commit(tissue, error);
-    if (result == SB_OK)
-        ndli_solid_wear(tissue, info->iterations);
-    tissue->watched = tissue->calm = 0;
-    info->seconds_total = ndli_solid_now(tissue) - begin;
-    return result;
-}
-
-/* ==== src/needle/tissue.c ==== */
-/* tissue: creation, supports, loads and readings. */
-
-
-#include <string.h>
-
-enum { NDLI_TISSUE_COOKIE = 0x7155 };
-
-NDL_API ndl_tissue_def ndl_default_tissue_def(void)
-{
-    ndl_tissue_def def;
-    memset(&def, 0, sizeof def);
-    def.integrator = NDL_NEWMARK;
-    def.damping_stiffness = (sb_real)0.005;
-    def.slack = (sb_real)0.2;
-    def.lazy_angle = (sb_real)0.01;
-    def.tolerance = (sb_real)1e-4;
-    def.max_iterations = 200;
-    def.cookie = NDLI_TISSUE_COOKIE;
-    return def;
 }
 
 /* ---- creation ---- */
 
-static sb_result ndli_solid_check_elastic(sb_real young, sb_real poisson, int region, sb_error *error)
+static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
 {
-    if (!(young > 0) || !sb_is_finite(young))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "region %d: young must be positive and finite, not %g", region,
-                        (double)young);
-    if (!(poisson > -1) || !(poisson < (sb_real)0.5))
-        return sbi_fail(error, SB_ERROR_MATERIAL, "region %d: poisson must be in (-1, 0.5), not %g", region,
-                        (double)poisson);
+    if (sbi_body_mesh(body).element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+    if (sbi_body_node_slots(body).room == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
     return SB_OK;
 }
 
-static sb_result ndli_solid_check_numbers(const ndl_tissue_def *def, sb_error *error)
+static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
 {
-    if (def->integrator != NDL_NEWMARK && def->integrator != NDL_EULER)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "integrator %d is unknown", (int)def->integrator);
-    if (!(def->damping_mass >= 0) || !sb_is_finite(def->damping_mass) || !(def->damping_stiffness >= 0) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "damping_mass and damping_stiffness must be >= 0 and finite");
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "gravity is not finite");
-    if (!(def->lazy_angle >= 0) || !(def->lazy_angle <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "lazy_angle is not in [0, 1]");
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tolerance is not in (0, 1)");
-    if (def->max_iterations < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "max_iterations must be at least 1, not %d", def->max_iterations);
-    return SB_OK;
-}
-
-static sb_result ndli_solid_check_def(const ndl_tissue_def *def, sb_error *error)
-{
+    sb_body_listener listener;
     sb_result result;
-    if (!def || def->cookie != NDLI_TISSUE_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_tissue_def");
-    if (!def->mesh || !def->materials || def->material_count < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a tissue needs a mesh and materials");
-    if (def->fixed_count < 0 || (def->fixed_count > 0 && !def->fixed_nodes))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "fixed_nodes is NULL or fixed_count negative");
-    result = ndli_solid_check_numbers(def, error);
-    for (int i = 0; result == SB_OK && i < def->material_count; i++) {
-        const ndl_tissue_material *m = def->materials + i;
-        result = ndli_solid_check_elastic(m->young, m->poisson, i, error);
-        if (result == SB_OK && (!(m->density > 0) || !sb_is_finite(m->density)))
-            result = sbi_fail(error, SB_ERROR_MATERIAL, "region %d: density must be positive and finite", i);
-    }
-    for (int i = 0; result == SB_OK && i < def->fixed_count; i++)
-        if (def->fixed_nodes[i] < 0 || def->fixed_nodes[i] >= def->mesh->node_count)
-            result = sbi_fail_node(error, SB_ERROR_INDEX, def->fixed_nodes[i], "fixed node %d does not exist",
-                                   def->fixed_nodes[i]);
-    return result;
+    memset(&listener, 0, sizeof listener);
+    listener.user = r;
+    listener.reserve = ndli_remesh_hear;
+    listener.follow = ndli_remesh_follow;
+    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
+    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
+    result = sb_body_listen(r->body, &listener, &r->listener, error);
+    return result == SB_OK ? ndli_remesh_join(r, ndli_remesh_replay_part, error) : result;
 }
 
-static void ndli_solid_set_lame(sb_real *lame, sb_real young, sb_real poisson)
+NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
 {
-    lame[0] = young * poisson / ((1 + poisson) * (1 - 2 * poisson));
-    lame[1] = young / (2 * (1 + poisson));
-}
-
-static void ndli_solid_configure(ndl_tissue *t, const ndl_tissue_def *def)
-{
-    t->jobs = def->jobs;
-    t->clock = def->clock;
-    t->integrator = def->integrator;
-    t->damping_mass = def->damping_mass;
-    t->damping_stiffness = def->damping_stiffness;
-    t->gravity = def->gravity;
-    t->lazy_angle = def->lazy_angle;
-    t->tolerance = def->tolerance;
-    t->max_iterations = def->max_iterations;
-}
-
-/* The mesh with the densities, and Lame's constants. */
-static sb_result ndli_solid_make_mesh(ndl_tissue *t, const ndl_tissue_def *def, sb_error *error)
-{
-    size_t count = (size_t)def->material_count;
-    sb_real *densities = (sb_real *)sbi_alloc(&t->allocator, count, sizeof(sb_real));
-    sb_result result = SB_ERROR_MEMORY;
-    t->lame = (sb_real *)sbi_alloc(&t->allocator, count, 2 * sizeof(sb_real));
-    if (densities && t->lame) {
-        for (size_t i = 0; i < count; i++) {
-            densities[i] = def->materials[i].density;
-            ndli_solid_set_lame(t->lame + 2 * i, def->materials[i].young, def->materials[i].poisson);
-        }
-        t->material_count = def->material_count;
-        result = ndl_tissue_mesh_create(def->mesh, densities, def->material_count, def->slack, &t->allocator, &t->mesh,
-                                        error);
-    } else {
-        sbi_fail(error, result, "out of memory for %d materials", def->material_count);
-    }
-    sbi_free(&t->allocator, densities);
-    return result;
-}
-
-/* A saved state belongs to tissues with the same of all this. */
-static void ndli_solid_set_make(ndl_tissue *t)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash = ndli_image_hash(nodes, mesh->X, nodes * sizeof(sb_vec3));
-    hash = ndli_image_hash(hash, mesh->tets, tets * 4 * sizeof(int));
-    hash = ndli_image_hash(hash, mesh->regions, tets * sizeof(int));
-    hash = ndli_image_hash(hash, mesh->densities, (size_t)mesh->density_count * sizeof(sb_real));
-    hash = sbi_hash_word(hash, sbi_real_bits(t->lazy_angle));
-    hash = sbi_hash_word(hash, sbi_real_bits(t->tolerance));
-    hash = sbi_hash_word(hash, (uint64_t)t->max_iterations);
-    t->make = sbi_hash_word(hash, (uint64_t)t->integrator);
-}
-
-NDL_API sb_result ndl_tissue_create(const ndl_tissue_def *def, ndl_tissue **tissue, sb_error *error)
-{
-    ndl_tissue *t;
-    sb_result result;
-    if (!tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
-    result = ndli_solid_check_def(def, error);
+    ndl_remesh *made;
+    sb_result result = ndli_remesh_check_def(def, error);
+    if (result == SB_OK && !remesh)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (result == SB_OK)
+        result = ndli_remesh_check_body(def->body, error);
     if (result != SB_OK)
         return result;
-    t = (ndl_tissue *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *t);
-    if (!t)
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue");
-    t->allocator = def->allocator;
-    ndli_solid_configure(t, def);
-    result = ndli_solid_make_mesh(t, def, error);
-    if (result == SB_OK && (!ndli_solid_rebuild(t) || !ndli_solid_coarse_create(t)))
-        result = sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of a tissue of %d nodes",
-                          def->mesh->node_count);
+    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
+    made->def = *def;
+    made->body = def->body;
+    made->mesh = &made->topology;
+    made->topology.allocator = def->allocator;
+    result = ndli_remesh_fill(made, error);
     if (result != SB_OK) {
-        ndl_tissue_destroy(t);
+        ndl_remesh_destroy(made);
         return result;
     }
-    ndli_solid_set_make(t);
-    for (int i = 0; i < def->fixed_count; i++)
-        ndl_tissue_fix(t, def->fixed_nodes[i]);
-    t->mesh.listener = ndli_solid_changed;
-    t->mesh.listener_user = t;
-    *tissue = t;
+    *remesh = made;
     return SB_OK;
 }
 
-NDL_API void ndl_tissue_destroy(ndl_tissue *tissue)
+NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
 {
     sb_allocator allocator;
-    if (!tissue)
+    if (!remesh)
         return;
-    allocator = tissue->allocator;
-    ndli_solid_free(tissue);
-    sbi_free(&allocator, tissue->lame);
-    ndl_tissue_mesh_free(&tissue->mesh);
-    sbi_free(&allocator, tissue);
+    allocator = remesh->def.allocator;
+    ndli_remesh_leave(remesh);
+    if (remesh->listener)
+        sb_body_unlisten(remesh->body, remesh->listener);
+    ndli_remesh_free_knowledge(remesh);
+    sbi_free(&allocator, remesh->scratch);
+    sbi_free(&allocator, remesh);
 }
 
-NDL_API ndl_tissue_mesh *ndl_tissue_get_mesh(ndl_tissue *tissue) { return tissue ? &tissue->mesh : NULL; }
-
-/* ---- supports and loads ---- */
-
-/* A slot in use for which there is memory. */
-static int ndli_solid_knows(const ndl_tissue *t, int node)
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
 {
-    return t && ndli_solid_is_node(t, node) && node < t->node_room;
-}
-
-NDLI_API void ndli_solid_set_role(ndl_tissue *t, int node, int role)
-{
-    if (t->role[node] == role)
-        return;
-    if (t->role[node] == NDLI_ROW_HELD || role == NDLI_ROW_HELD)
-        t->coarse.age = 0; /* the rows of a coupled node may stay in the coarse matrix for a while */
-    t->role[node] = (unsigned char)role;
-    t->node_dirty[node] = 1;
-}
-
-static void ndli_solid_hold(ndl_tissue *t, int node, sb_vec3 position)
-{
-    ndli_solid_set_role(t, node, NDLI_ROW_HELD);
-    t->target[node] = position;
-    t->has_velocity[node] = 0;
-    t->mesh.node_flags[node] |= NDL_NODE_FIXED;
-}
-
-NDL_API sb_result ndl_tissue_fix(ndl_tissue *tissue, int node)
-{
-    if (!ndli_solid_knows(tissue, node))
-        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
-    ndli_solid_hold(tissue, node, tissue->mesh.x[node]);
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
     return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_prescribe(ndl_tissue *tissue, int node, sb_vec3 position, const sb_vec3 *velocity)
-{
-    if (!ndli_solid_knows(tissue, node))
-        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(position) || (velocity && !sb_v3_is_finite(*velocity)))
-        return SB_ERROR_NOT_FINITE;
-    ndli_solid_hold(tissue, node, position);
-    if (velocity) {
-        tissue->target_velocity[node] = *velocity;
-        tissue->has_velocity[node] = 1;
-    }
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_release(ndl_tissue *tissue, int node)
-{
-    if (!ndli_solid_knows(tissue, node))
-        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
-    if (tissue->role[node] == NDLI_ROW_HELD) {
-        ndli_solid_set_role(tissue, node, NDLI_ROW_FREE);
-        tissue->mesh.node_flags[node] = (unsigned char)(tissue->mesh.node_flags[node] & ~NDL_NODE_FIXED);
-    }
-    return SB_OK;
-}
-
-NDL_API int ndl_tissue_is_held(const ndl_tissue *tissue, int node)
-{
-    return ndli_solid_knows(tissue, node) && tissue->role[node] == NDLI_ROW_HELD;
-}
-
-NDL_API sb_result ndl_tissue_set_force(ndl_tissue *tissue, int node, sb_vec3 force)
-{
-    if (!ndli_solid_knows(tissue, node))
-        return tissue ? SB_ERROR_INDEX : SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(force))
-        return SB_ERROR_NOT_FINITE;
-    tissue->force[node] = force;
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_set_gravity(ndl_tissue *tissue, sb_vec3 gravity)
-{
-    if (!tissue)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    tissue->gravity = gravity;
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_set_damping(ndl_tissue *tissue, sb_real alpha, sb_real beta)
-{
-    if (!tissue || !(alpha >= 0) || !(beta >= 0))
-        return SB_ERROR_ARGUMENT;
-    if (!sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_NOT_FINITE;
-    tissue->damping_mass = alpha;
-    tissue->damping_stiffness = beta;
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_set_material(ndl_tissue *tissue, int region, sb_real young, sb_real poisson,
-                                          sb_error *error)
-{
-    sb_result result;
-    if (!tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
-    if (region < 0 || region >= tissue->material_count)
-        return sbi_fail(error, SB_ERROR_INDEX, "region %d has no material", region);
-    result = ndli_solid_check_elastic(young, poisson, region, error);
-    if (result != SB_OK)
-        return result;
-    ndli_solid_set_lame(tissue->lame + 2 * (size_t)region, young, poisson);
-    for (int e = 0; !tissue->broken && e < tissue->mesh.tet_end; e++)
-        if (tissue->mesh.tets[4 * (size_t)e] >= 0)
-            ndli_solid_measure(tissue, e);
-    tissue->changed = 1;
-    tissue->coarse.age = 0;
-    return SB_OK;
-}
-
-/* ---- readings ---- */
-
-NDL_API const sb_vec3 *ndl_tissue_positions(const ndl_tissue *tissue) { return tissue ? tissue->mesh.x : NULL; }
-NDL_API sb_result ndl_tissue_original_positions(const ndl_tissue *tissue, sb_vec3 *positions)
-{
-    const ndl_tissue_mesh *mesh;
-    if (!tissue || !positions)
-        return SB_ERROR_ARGUMENT;
-    mesh = &tissue->mesh;
-    memcpy(positions, mesh->x, (size_t)mesh->original_nodes * sizeof(sb_vec3));
-    for (int i = 0; i < mesh->displaced_count; i++) {
-        int node = mesh->displaced[i];
-        sb_real w[4];
-        const int *n = mesh->tets + 4 * (size_t)ndli_tissue_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
-        positions[node] = sb_v3(0, 0, 0);
-        for (int c = 0; c < 4; c++)
-            positions[node] = sb_v3_madd(positions[node], w[c], mesh->x[n[c]]);
-    }
-    return SB_OK;
-}
-
-NDL_API const sb_vec3 *ndl_tissue_velocities(const ndl_tissue *tissue) { return tissue ? tissue->mesh.v : NULL; }
-NDL_API const sb_vec3 *ndl_tissue_reactions(const ndl_tissue *tissue) { return tissue ? tissue->reaction : NULL; }
-
-/* V (mu |F - R|^2 + lambda/2 (tr(R^T F) - 3)^2) of a tet. */
-static sb_real ndli_solid_energy(const ndl_tissue *t, int tet)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    const int *n = mesh->tets + 4 * (size_t)tet;
-    const sb_real *lame = t->lame + 2 * (size_t)(t->material_count == 1 ? 0 : mesh->regions[tet]);
-    sb_mat3 shape, now, f, r, gap;
-    sb_real trace;
-    shape = sb_m3_columns(sb_v3_sub(mesh->X[n[1]], mesh->X[n[0]]), sb_v3_sub(mesh->X[n[2]], mesh->X[n[0]]),
-                          sb_v3_sub(mesh->X[n[3]], mesh->X[n[0]]));
-    now = sb_m3_columns(sb_v3_sub(mesh->x[n[1]], mesh->x[n[0]]), sb_v3_sub(mesh->x[n[2]], mesh->x[n[0]]),
-                        sb_v3_sub(mesh->x[n[3]], mesh->x[n[0]]));
-    f = sb_m3_mul(now, sb_m3_inverse(shape));
-    r = sb_quat_to_mat3(sb_m3_polar_cold(f));
-    gap = sb_m3_sub(f, r);
-    trace = sb_m3_ddot(r, gap);
-    return mesh->volumes[tet] * (lame[1] * sb_m3_ddot(gap, gap) + (sb_real)0.5 * lame[0] * trace * trace);
-}
-
-NDL_API ndl_tissue_energies ndl_tissue_get_energies(const ndl_tissue *tissue)
-{
-    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
-    double elastic = 0, kinetic = 0;
-    ndl_tissue_energies energies;
-    energies.elastic = energies.kinetic = 0;
-    if (!mesh)
-        return energies;
-    for (int e = 0; e < mesh->tet_end; e++)
-        if (mesh->tets[4 * (size_t)e] >= 0)
-            elastic += (double)ndli_solid_energy(tissue, e);
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->node_flags[i])
-            kinetic += 0.5 * (double)mesh->mass[i] * (double)sb_v3_dot(mesh->v[i], mesh->v[i]);
-    energies.elastic = (sb_real)elastic;
-    energies.kinetic = (sb_real)kinetic;
-    return energies;
-}
-
-NDL_API sb_vec3 ndl_tissue_momentum(const ndl_tissue *tissue)
-{
-    const ndl_tissue_mesh *mesh = tissue ? &tissue->mesh : NULL;
-    double sum[3] = {0, 0, 0};
-    if (!mesh)
-        return sb_v3(0, 0, 0);
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->node_flags[i]) {
-            sum[0] += (double)mesh->mass[i] * (double)mesh->v[i].x;
-            sum[1] += (double)mesh->mass[i] * (double)mesh->v[i].y;
-            sum[2] += (double)mesh->mass[i] * (double)mesh->v[i].z;
-        }
-    return sb_v3((sb_real)sum[0], (sb_real)sum[1], (sb_real)sum[2]);
-}
-
-NDL_API sb_mat3 ndl_tissue_stiffness(const ndl_tissue *tissue, int i, int j)
-{
-    sb_mat3 k = sb_m3_zero();
-    const sb_real *block;
-    int place;
-    if (!tissue)
-        return sb_m3_zero();
-    if (tissue->broken || !ndli_solid_knows(tissue, i) || !ndli_solid_knows(tissue, j))
-        return k;
-    place = i == j || tissue->row_count[i] == 0 ? -1 : ndli_solid_find(tissue, i, j);
-    if (i != j && place < 0)
-        return k;
-    block = i == j ? tissue->diagonal[i] : tissue->blocks[place];
-    for (int c = 0; c < 9; c++)
-        k.m[c / 3][c % 3] = block[c];
-    return k;
-}
-
-/* ==== src/needle/state.c ==== */
-/* state: a tissue's state holds what cannot be computed again: mesh, motion, supports, rotations with their lag, the
- * coarse matrix of some steps ago, the ledger. Rows, edges and stiffness are functions of these. A load therefore takes
- * out of the matrix the tets that the state has otherwise, and puts the state's in: its cost follows what differs. */
-
-
-#include <limits.h>
-
-static const char ndli_tissue_magic[9] = "NDLTISS\x1a";
-static const char ndli_rod_magic[9] = "NDLROD\x1a\x1a";
-
-/* ---- what a tissue's image holds ---- */
-
-typedef struct ndli_tissue_head {
-    uint64_t make;
-    double damping_mass, damping_stiffness, gravity[3], made_mass, made_stiffness;
-    double elastic, ledger, work, work_unit, left_at;
-    int order, material_count;
-    int node_end, tet_end, node_count, tet_count, free_node, free_tet, displaced_count;
-    int changed, seen, acceleration_known, ledger_open;
-    int coarse_usable, coarse_age, coarse_fresh, coarse_wasted, coarse_width, coarse_count, unused;
-} ndli_tissue_head;
-
-/* Where parts begin that are compared or checked before they are read. */
-typedef struct ndli_tissue_places {
-    size_t lame, X, X0, x, v, a, mass, owner, star, displaced, displaced_at, flags;
-    size_t tets, neighbours, next, prev, regions, density, volumes, qualities;
-    size_t force, target, target_velocity, reaction, internal, arm, aggregate, role, has_velocity;
-    size_t quats, old_quats, stale, centre, inverse_radius, factor;
-    size_t end;
-} ndli_tissue_places;
-
-static int ndli_state_has_seen(const ndl_tissue *t)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    return t->seen_end == mesh->node_end &&
-           memcmp(t->seen_x, mesh->x, (size_t)mesh->node_end * sizeof(sb_vec3)) == 0;
-}
-
-static void ndli_state_fill_head(const ndl_tissue *t, ndli_tissue_head *h)
-{
-    const ndl_tissue_mesh *mesh = &t->mesh;
-    memset(h, 0, sizeof *h);
-    h->make = t->make;
-    h->damping_mass = (double)t->damping_mass, h->damping_stiffness = (double)t->damping_stiffness;
-    h->gravity[0] = (double)t->gravity.x, h->gravity[1] = (double)t->gravity.y, h->gravity[2] = (double)t->gravity.z;
-    h->made_mass = (double)t->coarse.made_mass, h->made_stiffness = (double)t->coarse.made_stiffness;
-    h->elastic = t->elastic, h->ledger = t->ledger, h->work = t->work, h->work_unit = t->work_unit;
-    h->left_at = t->left_at;
-    h->order = NDLI_IMAGE_ORDER;
-    h->material_count = t->material_count;
-    h->node_end = mesh->node_end, h->tet_end = mesh->tet_end;
-    h->node_count = mesh->node_count, h->tet_count = mesh->tet_count;
-    h->free_node = mesh->free_node, h->free_tet = mesh->free_tet;
-    h->displaced_count = mesh->displaced_count;
-    h->changed = t->changed;
-    h->seen = ndli_state_has_seen(t);
-    h->acceleration_known = t->acceleration_known;
-    h->ledger_open = t->ledger_open;
-    h->coarse_usable = t->coarse.usable, h->coarse_age = t->coarse.age, h->coarse_fresh = t->coarse.fresh_iterations;
-    h->coarse_wasted = t->coarse.wasted, h->coarse_width = t->coarse.width, h->coarse_count = t->coarse.count;
-}
-
-static void ndli_state_take_head(ndl_tissue *t, const ndli_tissue_head *h)
-{
-    ndl_tissue_mesh *mesh = &t->mesh;
-    t->damping_mass = (sb_real)h->damping_mass, t->damping_stiffness = (sb_real)h->damping_stiffness;
-    t->gravity = sb_v3((sb_real)h->gravity[0], (sb_real)h->gravity[1], (sb_real)h->gravity[2]);
-    t->coarse.made_mass = (sb_real)h->made_mass, t->coarse.made_stiffness = (sb_real)h->made_stiffness;
-    t->elastic = h->elastic, t->ledger = h->ledger, t->work = h->work, t->work_unit = h->work_unit;
-    t->left_at = h->left_at;
-    mesh->node_end = h->node_end, mesh->tet_end = h->tet_end;
-    mesh->node_count = h->node_count, mesh->tet_count = h->tet_count;
-    mesh->free_node = h->free_node, mesh->free_tet = h->free_tet;
-    mesh->displaced_count = h->displaced_count;
-    t->acceleration_known = h->acceleration_known;
-    t->ledger_open = h->ledger_open;
-    t->coarse.usable = h->coarse_usable, t->coarse.age = h->coarse_age, t->coarse.fresh_iterations = h->coarse_fresh;
-    t->coarse.wasted = h->coarse_wasted, t->coarse.width = h->coarse_width;
-}
-
-static size_t ndli_state_lanes(int tets)
-{
-    return ((size_t)tets + SB_POLAR_LANES - 1) / SB_POLAR_LANES * SB_POLAR_LANES;
-}
-
-/* The mesh, which rows and edges follow. */
-static void ndli_state_walk_mesh(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
-{
-    ndl_tissue_mesh *mesh = &t->mesh;
-    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end;
-    p->lame = ndli_image_part(image, t->lame, (size_t)h->material_count, 2 * sizeof(sb_real));
-    p->X = ndli_image_part(image, mesh->X, nodes, sizeof(sb_vec3));
-    p->X0 = ndli_image_part(image, mesh->X0, nodes, sizeof(sb_vec3));
-    p->x = ndli_image_part(image, mesh->x, nodes, sizeof(sb_vec3));
-    p->v = ndli_image_part(image, mesh->v, nodes, sizeof(sb_vec3));
-    p->a = ndli_image_part(image, mesh->a, nodes, sizeof(sb_vec3));
-    p->mass = ndli_image_part(image, mesh->mass, nodes, sizeof(sb_real));
-    p->owner = ndli_image_part(image, mesh->owner, nodes, sizeof(int));
-    p->star = ndli_image_part(image, mesh->node_star, nodes, sizeof(int));
-    p->displaced = ndli_image_part(image, mesh->displaced, (size_t)h->displaced_count, sizeof(int));
-    p->displaced_at = ndli_image_part(image, mesh->displaced_at, nodes, sizeof(int));
-    p->flags = ndli_image_part(image, mesh->node_flags, nodes, 1);
-    p->tets = ndli_image_part(image, mesh->tets, tets, 4 * sizeof(int));
-    p->neighbours = ndli_image_part(image, mesh->neighbours, tets, 4 * sizeof(int));
-    p->next = ndli_image_part(image, mesh->corner_next, tets, 4 * sizeof(int));
-    p->prev = ndli_image_part(image, mesh->corner_prev, tets, 4 * sizeof(int));
-    p->regions = ndli_image_part(image, mesh->regions, tets, sizeof(int));
-    p->density = ndli_image_part(image, mesh->tet_density, tets, sizeof(sb_real));
-    p->volumes = ndli_image_part(image, mesh->volumes, tets, sizeof(sb_real));
-    p->qualities = ndli_image_part(image, mesh->qualities, tets, sizeof(sb_real));
-}
-
-static void ndli_state_walk_solid(ndl_tissue *t, const ndli_tissue_head *h, ndli_image *image, ndli_tissue_places *p)
-{
-    size_t nodes = (size_t)h->node_end, tets = (size_t)h->tet_end, lanes = ndli_state_lanes(h->tet_end);
-    size_t aggregates = (size_t)h->coarse_count;
-    p->force = ndli_image_part(image, t->force, nodes, sizeof(sb_vec3));
-    p->target = ndli_image_part(image, t->target, nodes, sizeof(sb_vec3));
-    p->target_velocity = ndli_image_part(image, t->target_velocity, nodes, sizeof(sb_vec3));
-    p->reaction = ndli_image_part(image, t->reaction, nodes, sizeof(sb_vec3));
-    p->internal = ndli_image_part(image, t->internal, h->seen ? nodes : 0, sizeof(sb_vec3));
-    p->arm = ndli_image_part(image, t->arm, nodes, sizeof(sb_vec3));
-    p->aggregate = ndli_image_part(image, t->aggregate, nodes, sizeof(int));
-    p->role = ndli_image_part(image, t->role, nodes, 1);
-    p->has_velocity = ndli_image_part(image, t->has_velocity, nodes, 1);
-    p->quats = ndli_image_part(image, t->quats, lanes, 4 * sizeof(sb_real));
-    p->old_quats = ndli_image_part(image, t->old_quats, lanes, 4 * sizeof(sb_real));
-    p->stale = ndli_image_part(image, t->stale_tet, tets, 1);
-    p->centre = ndli_image_part(image, t->coarse.centre, aggregates, sizeof(sb_vec3));
-    p->inverse_radius = ndli_image_part(image, t->coarse.inverse_radius, aggregates, sizeof(sb_real));
-    p->factor = ndli_image_part(image, t->coarse.factor, h->coarse_usable ? 6 * aggregates : 0,
-                                ((size_t)h->coarse_width + 1) * sizeof(double));
-    p->end = image->used;
-}
-
-/* Bytes of an image from its head on, and where they lie. */
-static size_t ndli_state_measure(ndl_tissue *t, ndli_tissue_head *h, ndli_tissue_places *places, int *overflow)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    ndli_image_part(&image, h, 1, sizeof *h);
-    ndli_state_walk_mesh(t, h, &image, places);
-    ndli_state_walk_solid(t, h, &image, places);
-    *overflow = image.overflow;
-    return image.used;
-}
-
-static void ndli_state_write(ndl_tissue *t, unsigned char *out)
-{
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = out;
-    ndli_state_fill_head(t, &head);
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_state_walk_mesh(t, &head, &image, &places);
-    ndli_state_walk_solid(t, &head, &image, &places);
-}
-
-/* ---- taking a state ---- */
-
-/* Marks of tets (turned) whose rotated gradients are to be made anew: rest data differ, or only the rotation. */
-enum { NDLI_STATE_TURNED = 1, NDLI_STATE_NEW = 2 };
-
-/* Marks what the state has otherwise; takes tets with other nodes out of the matrix. Returns 1 when there are such. */
-static int ndli_state_compare(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
-                              const unsigned char *in, int tets)
-{
-    ndl_tissue_mesh *mesh = &t->mesh;
-    int nodes = sbi_min_int(mesh->node_end, h->node_end), differs = 0;
-    int materials_differ = memcmp(t->lame, in + p->lame, (size_t)t->material_count * 2 * sizeof(sb_real)) != 0;
-    for (int i = 0; i < nodes; i++)
-        mesh->node_mark[i] = memcmp(mesh->X + i, in + p->X + (size_t)i * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
-    for (int e = 0; e < tets; e++) {
-        const int *n = mesh->tets + 4 * (size_t)e;
-        int was = e < mesh->tet_end && n[0] >= 0, n_then[4] = {-1, -1, -1, -1}, same, is_new;
-        if (e < h->tet_end)
-            memcpy(n_then, in + p->tets + (size_t)e * sizeof n_then, sizeof n_then);
-        same = was ? memcmp(n, n_then, sizeof n_then) == 0 : n_then[0] < 0;
-        if (same && was)
-            is_new = materials_differ | t->stale_tet[e] | mesh->node_mark[n[0]] | mesh->node_mark[n[1]] |
-                     mesh->node_mark[n[2]] | mesh->node_mark[n[3]];
-        else
-            is_new = n_then[0] >= 0;
-        t->turned[e] = (unsigned char)(is_new ? NDLI_STATE_NEW : 0);
-        if (same)
-            continue;
-        differs = 1;
-        if (was && !t->broken)
-            ndli_solid_leave(t, e);
-        mesh->tet_mark[e] = 1;
-    }
-    for (int i = 0; i < nodes; i++)
-        mesh->node_mark[i] = 0;
-    return differs;
-}
-
-static void ndli_state_forget_tet(ndl_tissue *t, int tet)
-{
-    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
-    ndli_solid_blank(t, tet);
-    for (size_t k = 0; k < 4; k++)
-        t->old_quats[at + k * SB_POLAR_LANES] = k == 0 ? (sb_real)1 : (sb_real)0;
-}
-
-/* Rest data and rows after the mesh is the state's. */
-static void ndli_state_join(ndl_tissue *t, int tets, int differs)
-{
-    ndl_tissue_mesh *mesh = &t->mesh;
-    int whole = t->broken;
-    for (int e = 0; e < tets; e++) {
-        int is = e < mesh->tet_end && mesh->tets[4 * (size_t)e] >= 0;
-        if (is && (t->turned[e] & NDLI_STATE_NEW))
-            ndli_solid_measure(t, e);
-        else if (e >= mesh->tet_end)
-            ndli_state_forget_tet(t, e);
-        else if (mesh->tet_mark[e] && !is)
-            ndli_solid_blank(t, e);
-        if (mesh->tet_mark[e] && is && !whole)
-            whole = !ndli_solid_join(t, e);
-        mesh->tet_mark[e] = 0;
-    }
-    if (differs && whole) {
-        int made = ndli_solid_rebuild(t);
-        SB_ASSERT(made);
-        (void)made;
-        for (int e = 0; e < mesh->tet_end; e++)
-            t->turned[e] = mesh->tets[4 * (size_t)e] >= 0;
-    }
-}
-
-/* Slots that the state does not know are as they were before anything was in them, so that later states are equal in
- * all bytes, too. */
-static void ndli_state_forget_nodes(ndl_tissue *t, int from, int to)
-{
-    for (int i = from; i < to; i++) {
-        t->mesh.node_flags[i] = 0;
-        t->role[i] = NDLI_ROW_ABSENT;
-        t->has_velocity[i] = 0;
-        t->mesh.mass[i] = 0;
-        t->mesh.owner[i] = t->mesh.node_star[i] = t->mesh.displaced_at[i] = -1;
-        t->force[i] = t->reaction[i] = t->target[i] = t->target_velocity[i] = sb_v3(0, 0, 0);
-    }
-}
-
-/* Rotated gradients and stiffness where turned, by the state's old rotations. */
-static void ndli_state_turn(ndl_tissue *t)
-{
-    int batches = (int)(ndli_state_lanes(t->mesh.tet_end) / SB_POLAR_LANES);
-    for (int batch = 0; batch < batches; batch++) {
-        int first = batch * SB_POLAR_LANES, last = sbi_min_int(t->mesh.tet_end, first + SB_POLAR_LANES), any = 0;
-        for (int e = first; e < last; e++)
-            any |= t->turned[e] = t->turned[e] != 0 && !t->stale_tet[e];
-        if (any)
-            ndli_solid_rotate(t, batch);
-    }
-    ndli_solid_stiffness(t);
-}
-
-/* Adds to `turned` the tets whose stiffness has another rotation in the state. */
-static void ndli_state_compare_rotations(ndl_tissue *t, const ndli_tissue_head *h, const unsigned char *old_quats)
-{
-    size_t batch_bytes = 4 * SB_POLAR_LANES * sizeof(sb_real);
-    int tets = sbi_min_int(t->mesh.tet_end, h->tet_end);
-    SB_ASSERT(h->tet_end <= t->tet_room);
-    for (int first = 0; first < tets; first += SB_POLAR_LANES) {
-        const sb_real *now = t->old_quats + 4 * (size_t)first;
-        const unsigned char *then = old_quats + 4 * (size_t)first * sizeof(sb_real);
-        int last = sbi_min_int(tets, first + SB_POLAR_LANES);
-        if (memcmp(now, then, batch_bytes) == 0)
-            continue;
-        for (int e = first; e < last; e++)
-            for (int k = 0; k < 4; k++) {
-                size_t at = (size_t)(k * SB_POLAR_LANES + e - first);
-                if (memcmp(now + at, then + at * sizeof(sb_real), sizeof(sb_real)) != 0)
-                    t->turned[e] |= NDLI_STATE_TURNED;
-            }
-    }
-}
-
-/* The tissue becomes what the image tells. There is memory. */
-static void ndli_state_take(ndl_tissue *t, const unsigned char *in)
-{
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    ndli_image image;
-    int overflow, differs, tets, nodes = t->mesh.node_end, whole = t->broken;
-    memcpy(&head, in, sizeof head);
-    ndli_state_measure(t, &head, &places, &overflow);
-    memset(&image, 0, sizeof image);
-    image.in = in;
-    tets = sbi_min_int(t->tet_room, sbi_max_int(t->mesh.tet_end, head.tet_end)); /* broken: the mesh may have more */
-    differs = ndli_state_compare(t, &head, &places, in, tets) | whole;
-    ndli_state_compare_rotations(t, &head, in + places.old_quats);
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_state_walk_mesh(t, &head, &image, &places);
-    ndli_state_forget_nodes(t, head.node_end, sbi_min_int(nodes, t->node_room));
-    ndli_state_take_head(t, &head);
-    ndli_state_join(t, tets, differs);
-    ndli_state_walk_solid(t, &head, &image, &places);
-    ndli_state_turn(t);
-    t->inverse_valid = t->coarse.listed = 0;
-    t->changed = head.changed;
-    t->seen_end = 0;
-    if (head.seen) {
-        memcpy(t->seen_x, t->mesh.x, (size_t)head.node_end * sizeof(sb_vec3));
-        t->seen_end = head.node_end;
-    }
-}
-
-/* ---- checking a tissue's image ---- */
-
-typedef struct ndli_state_reader {
-    const unsigned char *in;
-    const ndli_tissue_head *head;
-    const ndli_tissue_places *places;
-} ndli_state_reader;
-
-static int ndli_state_lives(const ndli_state_reader *r, int node)
-{
-    return node >= 0 && node < r->head->node_end && r->in[r->places->flags + (size_t)node] != 0;
-}
-
-static int ndli_state_tet_lives(const ndli_state_reader *r, int tet)
-{
-    return tet >= 0 && tet < r->head->tet_end && ndli_image_int(r->in + r->places->tets, 4 * (size_t)tet) >= 0;
-}
-
-/* Whether the corner is one of its node's ring: what follows is of a tet in use, and a ring's first has none before it,
- * so that none goes round. */
-static int ndli_state_corner_holds(const ndli_state_reader *r, int corner)
-{
-    const ndli_tissue_places *p = r->places;
-    size_t at = (size_t)corner;
-    int node = ndli_image_int(r->in + p->tets, at), next = ndli_image_int(r->in + p->next, at);
-    int prev = ndli_image_int(r->in + p->prev, at), corners = 4 * r->head->tet_end;
-    if (!ndli_state_lives(r, node) || next < -1 || next >= corners || prev < -1 || prev >= corners)
-        return 0;
-    if (next >= 0 && (!ndli_state_tet_lives(r, next / 4) || ndli_image_int(r->in + p->prev, (size_t)next) != corner ||
-                      ndli_image_int(r->in + p->tets, (size_t)next) != node))
-        return 0;
-    return prev >= 0 ? ndli_image_int(r->in + p->next, (size_t)prev) == corner && ndli_state_tet_lives(r, prev / 4)
-                     : ndli_image_int(r->in + p->star, (size_t)node) == corner;
-}
-
-static void ndli_state_nodes_of(const ndli_state_reader *r, int tet, int nodes[4])
-{
-    memcpy(nodes, r->in + r->places->tets + 4 * (size_t)tet * sizeof(int), 4 * sizeof(int));
-}
-
-/* Whether the tet has the nodes of another's face, which lies opposite the other's corner. */
-static int ndli_state_has_face(const ndli_state_reader *r, int tet, const int other[4], int corner)
-{
-    int nodes[4], shared = 0;
-    ndli_state_nodes_of(r, tet, nodes);
-    for (int c = 0; c < 4; c++)
-        for (int k = 0; k < 4; k++)
-            shared += c != corner && nodes[k] == other[c];
-    return shared == 3;
-}
-
-/* Whether both sides of the tet's faces know each other, and faces without another side have none. Rings are sound. */
-static int ndli_state_faces_hold(const ndli_state_reader *r, int tet)
-{
-    const ndli_tissue_places *p = r->places;
-    int nodes[4];
-    ndli_state_nodes_of(r, tet, nodes);
-    for (int c = 0; c < 4; c++) {
-        int other = ndli_image_int(r->in + p->neighbours, 4 * (size_t)tet + (size_t)c), back = 0;
-        int node = nodes[(c + 1) % 4];
-        for (int k = 0; other >= 0 && k < 4; k++)
-            back |= ndli_image_int(r->in + p->neighbours, 4 * (size_t)other + (size_t)k) == tet;
-        if (other >= 0 && (other == tet || !back || !ndli_state_has_face(r, other, nodes, c)))
-            return 0;
-        for (int k = other < 0 ? ndli_image_int(r->in + p->star, (size_t)node) : -1; k >= 0;
-             k = ndli_image_int(r->in + p->next, (size_t)k))
-            if (k / 4 != tet && ndli_state_has_face(r, k / 4, nodes, c))
-                return 0;
-    }
-    return 1;
-}
-
-static int ndli_state_tet_holds(const ndl_tissue *t, const ndli_state_reader *r, int tet)
-{
-    int region = ndli_image_int(r->in + r->places->regions, (size_t)tet);
-    if (t->material_count > 1 && (region < 0 || region >= t->material_count))
-        return 0;
-    for (int c = 0; c < 4; c++) {
-        int corner = 4 * tet + c, other = ndli_image_int(r->in + r->places->neighbours, (size_t)corner);
-        if (!ndli_state_corner_holds(r, corner) || (other != -1 && !ndli_state_tet_lives(r, other)))
-            return 0;
-        for (int d = 0; d < c; d++)
-            if (ndli_image_int(r->in + r->places->tets, (size_t)corner) ==
-                ndli_image_int(r->in + r->places->tets, (size_t)(4 * tet + d)))
-                return 0;
-    }
-    return 1;
-}
-
-/* Corners in the ring of a node that the checks of corners have passed; -1: what is told of the node is wrong. */
-static int ndli_state_node_holds(const ndl_tissue *t, const ndli_state_reader *r, int node)
-{
-    const ndli_tissue_places *p = r->places;
-    size_t at = (size_t)node;
-    int role = r->in[p->role + at], flags = r->in[p->flags + at], lives = flags != 0, count = 0;
-    int aggregate = ndli_image_int(r->in + p->aggregate, at), place = ndli_image_int(r->in + p->displaced_at, at);
-    int original = node < t->mesh.original_nodes, star = ndli_image_int(r->in + p->star, at);
-    int created = (flags & NDL_NODE_CREATED) != 0;
-    int moved = lives && original &&
-                memcmp(r->in + p->X + at * sizeof(sb_vec3), r->in + p->X0 + at * sizeof(sb_vec3), sizeof(sb_vec3)) != 0;
-    if (role > NDLI_ROW_ABSENT || (role == NDLI_ROW_ABSENT) != !lives || r->in[p->has_velocity + at] > 1 ||
-        (lives && !(flags & NDL_NODE_ALIVE)) || flags > 2 * NDL_NODE_NEEDLE - 1 || aggregate < 0 ||
-        aggregate >= t->coarse.count || ndli_image_int(r->in + p->owner, at) < -1 || (original && !lives) ||
-        (lives && original == created))
-        return -1;
-    if (place < -1 || place >= r->head->displaced_count || (place >= 0) != moved ||
-        (place >= 0 && ndli_image_int(r->in + p->displaced, (size_t)place) != node))
-        return -1;
-    if (!lives)
-        return 0;
-    if (star < 0 || star >= 4 * r->head->tet_end || !ndli_state_tet_lives(r, star / 4) ||
-        ndli_image_int(r->in + p->prev, (size_t)star) != -1)
-        return -1;
-    for (int k = star; k != -1; k = ndli_image_int(r->in + p->next, (size_t)k)) {
-        if (ndli_image_int(r->in + p->tets, (size_t)k) != node)
-            return -1;
-        count++;
-    }
-    return count;
-}
-
-/* Whether a list of free slots has so many, none of them in use. */
-static int ndli_state_list_holds(const ndli_state_reader *r, int first, int count, int of_tets)
-{
-    int end = of_tets ? r->head->tet_end : r->head->node_end;
-    for (; count > 0 && first >= 0 && first < end; count--) {
-        if (of_tets ? ndli_state_tet_lives(r, first) : ndli_state_lives(r, first))
-            return 0;
-        first = of_tets ? ndli_image_int(r->in + r->places->neighbours, 4 * (size_t)first)
-                        : ndli_image_int(r->in + r->places->star, (size_t)first);
-    }
-    return count == 0 && first == -1;
-}
-
-static sb_result ndli_state_check_topology(const ndl_tissue *t, const ndli_state_reader *r, sb_error *error)
-{
-    const ndli_tissue_head *h = r->head;
-    int tets = 0, nodes = 0;
-    int64_t corners = 0;
-    for (int e = 0; e < h->tet_end; e++) {
-        int lives = ndli_state_tet_lives(r, e);
-        if (lives ? !ndli_state_tet_holds(t, r, e) : e < t->mesh.original_tets)
-            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged at tet %d", e);
-        tets += lives;
-    }
-    for (int i = 0; i < h->node_end; i++) {
-        int count = ndli_state_node_holds(t, r, i);
-        if (count < 0)
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged at node %d", i);
-        nodes += count > 0;
-        corners += count;
-    }
-    for (int e = 0; e < h->tet_end; e++)
-        if (ndli_state_tet_lives(r, e) && !ndli_state_faces_hold(r, e))
-            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d and a neighbour "
-                                    "disagree", e);
-    for (int i = 0; i < h->displaced_count; i++) {
-        int node = ndli_image_int(r->in + r->places->displaced, (size_t)i);
-        if (!ndli_state_lives(r, node) || ndli_image_int(r->in + r->places->displaced_at, (size_t)node) != i)
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: node %d is not displaced", node);
-    }
-    if (tets != h->tet_count || nodes != h->node_count || corners != 4 * (int64_t)tets ||
-        !ndli_state_list_holds(r, h->free_tet, h->tet_end - h->tet_count, 1) ||
-        !ndli_state_list_holds(r, h->free_node, h->node_end - h->node_count, 0))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: slots in use and free ones disagree");
-    return SB_OK;
-}
-
-/* ---- numbers ---- */
-
-static sb_real ndli_state_real(const unsigned char *array, size_t i)
-{
-    sb_real value;
-    memcpy(&value, array + i * sizeof value, sizeof value);
-    return value;
-}
-
-static sb_vec3 ndli_state_vector(const unsigned char *array, int i)
-{
-    sb_vec3 value;
-    memcpy(&value, array + (size_t)i * sizeof value, sizeof value);
-    return value;
-}
-
-static int ndli_state_is_positive(sb_real value) { return value > 0 && value <= SB_REAL_MAX; }
-
-static int ndli_state_all_finite(const ndli_state_reader *r)
-{
-    const ndli_tissue_places *p = r->places;
-    const ndli_tissue_head *h = r->head;
-    const size_t vectors[] = {p->X,     p->X0,     p->x,               p->v,        p->a,
-                              p->force, p->target, p->target_velocity, p->reaction, p->arm};
-    size_t nodes = 3 * (size_t)h->node_end, aggregates = (size_t)h->coarse_count, factor = 6 * aggregates;
-    int good = ndli_image_is_finite(r->in + p->internal, h->seen ? nodes : 0) &&
-               ndli_image_is_finite(r->in + p->centre, 3 * aggregates) &&
-               ndli_image_is_finite(r->in + p->inverse_radius, aggregates) &&
-               ndli_image_is_finite(r->in + p->quats, 4 * ndli_state_lanes(h->tet_end)) &&
-               ndli_image_is_finite(r->in + p->old_quats, 4 * ndli_state_lanes(h->tet_end));
-    for (size_t k = 0; k < sizeof vectors / sizeof *vectors; k++)
-        good = good && ndli_image_is_finite(r->in + vectors[k], nodes);
-    for (size_t i = 0; i < 12 + (h->coarse_usable ? factor * ((size_t)h->coarse_width + 1) : 0); i++) {
-        double value;
-        memcpy(&value, r->in + (i < 12 ? sizeof(uint64_t) + i * sizeof value : p->factor + (i - 12) * sizeof value),
-               sizeof value);
-        good = good && value - value == 0;
-    }
-    return good;
-}
-
-/* Whether a rotation is one, but for rounding: what is not even near would make numbers that are none. */
-static int ndli_state_turns(const unsigned char *quats, int tet)
-{
-    size_t at = (size_t)(tet / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + (size_t)(tet % SB_POLAR_LANES);
-    sb_real square = 0;
-    for (size_t k = 0; k < 4; k++) {
-        sb_real q = ndli_state_real(quats, at + k * SB_POLAR_LANES);
-        square += q * q;
-    }
-    return square > (sb_real)0.9 && square < (sb_real)1.1;
-}
-
-/* Volume and quality that are told and those that the corners have, the density, the rotations. */
-static int ndli_state_tet_measures(const ndli_state_reader *r, int tet)
-{
-    const ndli_tissue_places *p = r->places;
-    size_t at = (size_t)tet;
-    int n[4];
-    sb_vec3 X[4];
-    ndli_state_nodes_of(r, tet, n);
-    for (int c = 0; c < 4; c++)
-        X[c] = ndli_state_vector(r->in + p->X, n[c]);
-    return ndli_state_is_positive(ndli_state_real(r->in + p->volumes, at)) &&
-           ndli_state_is_positive(ndli_state_real(r->in + p->qualities, at)) &&
-           ndli_state_is_positive(ndli_tissue_quality(X[0], X[1], X[2], X[3])) &&
-           ndli_state_is_positive(ndli_state_real(r->in + p->density, at)) && r->in[p->stale + at] <= 1 &&
-           ndli_state_turns(r->in + p->quats, tet) && ndli_state_turns(r->in + p->old_quats, tet);
-}
-
-/* After the topology. */
-static sb_result ndli_state_check_numbers(const ndli_state_reader *r, sb_error *error)
-{
-    const ndli_tissue_places *p = r->places;
-    if (!ndli_state_all_finite(r))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved tissue holds a number that is not finite");
-    for (int m = 0; m < r->head->material_count; m++)
-        if (!ndli_state_is_positive(ndli_state_real(r->in + p->lame, 2 * (size_t)m + 1)) ||
-            !sb_is_finite(ndli_state_real(r->in + p->lame, 2 * (size_t)m)))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue is damaged: material %d has no stiffness", m);
-    for (int i = 0; i < r->head->node_end; i++)
-        if (ndli_state_lives(r, i) && !ndli_state_is_positive(ndli_state_real(r->in + p->mass, (size_t)i)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved tissue is damaged: node %d has no mass", i);
-    for (int e = 0; e < r->head->tet_end; e++)
-        if (ndli_state_tet_lives(r, e) && !ndli_state_tet_measures(r, e))
-            return sbi_fail_element(error, SB_ERROR_FORMAT, e, "the saved tissue is damaged: tet %d is flat, inverted, "
-                                    "without mass or not turned by a rotation", e);
-    return SB_OK;
-}
-
-static int ndli_state_is_flag(int value) { return value == 0 || value == 1; }
-
-static sb_result ndli_state_check_head(const ndl_tissue *t, const ndli_tissue_head *h, sb_error *error)
-{
-    int limit = INT_MAX / 12 - SB_POLAR_LANES, width = 6 * t->coarse.count - 1;
-    if (h->order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved tissue is of a machine with another order of bytes");
-    if (h->make != t->make || h->material_count != t->material_count || h->coarse_count != t->coarse.count)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved tissue was made from another mesh or another def");
-    if (h->node_count < 1 || h->tet_count < 1 || h->node_end < h->node_count || h->tet_end < h->tet_count ||
-        h->node_end > limit || h->tet_end > limit || h->displaced_count < 0 || h->displaced_count > h->node_count ||
-        h->free_node < -1 || h->free_tet < -1 || !ndli_state_is_flag(h->changed) || !ndli_state_is_flag(h->seen) ||
-        !ndli_state_is_flag(h->acceleration_known) || !ndli_state_is_flag(h->ledger_open) ||
-        !ndli_state_is_flag(h->coarse_usable) || h->coarse_age < 0 || h->coarse_fresh < 0 || h->coarse_wasted < 0 ||
-        h->node_end < t->mesh.original_nodes || h->tet_end < t->mesh.original_tets || h->coarse_width < 0 ||
-        h->coarse_width > width ||
-        !(h->damping_mass >= 0) || !(h->damping_stiffness >= 0))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has counts or flags out of their range");
-    return SB_OK;
-}
-
-static sb_result ndli_state_check_tissue(ndl_tissue *t, const void *buffer, size_t size, sb_error *error)
-{
-    const unsigned char *in;
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    ndli_state_reader reader;
-    int overflow;
-    size_t told;
-    sb_result result = ndli_image_check(buffer, size, ndli_tissue_magic, "tissue", error);
-    if (result != SB_OK)
-        return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    if (told < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue ends in its head");
-    memcpy(&head, in, sizeof head);
-    result = ndli_state_check_head(t, &head, error);
-    if (result != SB_OK)
-        return result;
-    if (ndli_state_measure(t, &head, &places, &overflow) != told || overflow)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved tissue has another size than its counts tell");
-    reader.in = in;
-    reader.head = &head;
-    reader.places = &places;
-    result = ndli_state_check_topology(t, &reader, error);
-    return result == SB_OK ? ndli_state_check_numbers(&reader, error) : result;
-}
-
-/* ---- memory for a state ---- */
-
-/* Edges of the image's mesh, and places for its rows without any to spare; 0: too many to count. */
-static int ndli_state_count_rows(ndl_tissue *t, const ndli_tissue_head *h, const ndli_tissue_places *p,
-                                 const unsigned char *in, int *slots, int *edges)
-{
-    int64_t places = 0, ends = 0;
-    for (int i = 0; i < h->node_end; i++) {
-        int count = 0, alive = in[p->flags + (size_t)i] != 0;
-        t->scratch[i] = i + 1;
-        for (int k = alive ? ndli_image_int(in + p->star, (size_t)i) : -1; k >= 0;
-             k = ndli_image_int(in + p->next, (size_t)k))
-            for (int c = 0; c < 4; c++) {
-                int j = ndli_image_int(in + p->tets, 4 * (size_t)(k / 4) + (size_t)c);
-                count += t->scratch[j] != i + 1;
-                t->scratch[j] = i + 1;
-            }
-        places += (count + NDLI_SOLID_PIECE - 1) / NDLI_SOLID_PIECE * NDLI_SOLID_PIECE;
-        ends += count;
-    }
-    memset(t->scratch, 0, (size_t)h->node_end * sizeof(int));
-    if (places > INT_MAX / 8)
-        return 0;
-    *slots = (int)places;
-    *edges = (int)(ends / 2);
-    return 1;
-}
-
-static sb_result ndli_state_reserve(ndl_tissue *t, const unsigned char *in, sb_error *error)
-{
-    ndl_tissue_mesh *mesh = &t->mesh;
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    int overflow, slots = 0, edges = 0;
-    memcpy(&head, in, sizeof head);
-    ndli_state_measure(t, &head, &places, &overflow);
-    if ((head.node_end > mesh->node_capacity || head.tet_end > mesh->tet_capacity) &&
-        !ndli_tissue_reserve(mesh, sbi_max_int(0, head.node_end - mesh->node_count),
-                             sbi_max_int(0, head.tet_end - mesh->tet_count)))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a tissue of %d nodes", head.node_end);
-    if (!ndli_solid_reserve(t, 0, 0) || !ndli_state_count_rows(t, &head, &places, in, &slots, &edges) ||
-        !ndli_solid_reserve(t, slots, edges))
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the matrix of a tissue of %d nodes", head.node_end);
-    return SB_OK;
-}
-
-/* ---- tissue: calls ---- */
-
-static size_t ndli_state_size_of(const ndl_tissue *tissue)
-{
-    ndl_tissue view = *tissue; /* its arrays may then be named by a walk that also reads */
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    int overflow;
-    ndli_state_fill_head(tissue, &head);
-    return ndli_state_measure(&view, &head, &places, &overflow);
-}
-
-NDL_API size_t ndl_tissue_state_size(const ndl_tissue *tissue)
-{
-    return tissue ? ndli_state_size_of(tissue) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-/* What a needle is at is no part of a state, and the mesh without it is of no use. */
-static sb_result ndli_state_refuse_needles(sb_error *error)
-{
-    return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a tissue with needles is neither saved nor loaded: destroy them first");
-}
-
-NDL_API sb_result ndl_tissue_save(const ndl_tissue *tissue, void *buffer, size_t size, sb_error *error)
-{
-    ndl_tissue view;
-    size_t needed;
-    if (!tissue || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", tissue ? "buffer" : "tissue");
-    if (tissue->site)
-        return ndli_state_refuse_needles(error);
-    if (tissue->broken)
-        return sbi_fail(error, SB_ERROR_MEMORY, "a change of the mesh found no memory: no state before a step has");
-    needed = ndl_tissue_state_size(tissue);
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this tissue takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    view = *tissue;
-    ndli_state_write(&view, (unsigned char *)buffer + SBI_IMAGE_HEAD);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_tissue_magic, NDLI_IMAGE_VERSION);
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_tissue_load(ndl_tissue *tissue, const void *buffer, size_t size, sb_error *error)
-{
-    sb_result result;
-    if (!tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
-    if (tissue->site)
-        return ndli_state_refuse_needles(error);
-    result = ndli_state_check_tissue(tissue, buffer, size, error);
-    if (result == SB_OK)
-        result = ndli_state_reserve(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD, error);
-    if (result == SB_OK)
-        ndli_state_take(tissue, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
-    return result;
-}
-
-NDLI_API size_t ndli_solid_snapshot_size(const ndl_tissue *t) { return ndli_state_size_of(t); }
-
-NDLI_API size_t ndli_solid_snapshot_room(const ndl_tissue *t)
-{
-    ndl_tissue view = *t;
-    ndli_tissue_head head;
-    ndli_tissue_places places;
-    int overflow;
-    ndli_state_fill_head(t, &head);
-    head.node_end = head.displaced_count = t->mesh.node_capacity;
-    head.tet_end = t->mesh.tet_capacity;
-    head.seen = head.coarse_usable = 1;
-    head.coarse_width = sbi_max_int(0, 6 * head.coarse_count - 1);
-    return ndli_state_measure(&view, &head, &places, &overflow);
-}
-
-NDLI_API int ndli_solid_snapshot(ndl_tissue *t, void *buffer)
-{
-    if (t->broken && !ndli_solid_rebuild(t))
-        return 0;
-    ndli_state_write(t, (unsigned char *)buffer);
-    return 1;
-}
-
-NDLI_API void ndli_solid_restore(ndl_tissue *t, const void *buffer)
-{
-    ndli_state_take(t, (const unsigned char *)buffer);
-}
-
-/* ---- rods ---- */
-
-typedef struct ndli_rod_head {
-    double stretch, bending[2], torsion, line_density, tolerance; /* the make */
-    double gravity[3], damping_stretch, damping_bending, base_director[3], energy_before;
-    int order, max_newton, node_count, plain, base_director_set, energy_monitored, grips;
-    int none; /* fills the head up to whole doubles */
-} ndli_rod_head;
-
-static void ndli_rod_fill_head(const ndl_rod *rod, ndli_rod_head *h)
-{
-    memset(h, 0, sizeof *h);
-    h->stretch = rod->stretch, h->bending[0] = rod->bending[0], h->bending[1] = rod->bending[1];
-    h->torsion = rod->torsion, h->line_density = rod->line_density, h->tolerance = rod->tolerance;
-    h->gravity[0] = rod->gravity.x, h->gravity[1] = rod->gravity.y, h->gravity[2] = rod->gravity.z;
-    h->damping_stretch = rod->damping_stretch, h->damping_bending = rod->damping_bending;
-    h->base_director[0] = rod->base_director.x, h->base_director[1] = rod->base_director.y;
-    h->base_director[2] = rod->base_director.z;
-    h->energy_before = rod->energy_before;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_newton = rod->max_newton;
-    h->node_count = rod->node_count;
-    h->plain = rod->plain;
-    h->base_director_set = rod->base_director_set;
-    h->energy_monitored = rod->energy_monitored;
-    h->grips = rod->grips;
-}
-
-static void ndli_rod_take_head(ndl_rod *rod, const ndli_rod_head *h)
-{
-    rod->gravity = ndli_v(h->gravity[0], h->gravity[1], h->gravity[2]);
-    rod->damping_stretch = h->damping_stretch, rod->damping_bending = h->damping_bending;
-    rod->base_director = ndli_v(h->base_director[0], h->base_director[1], h->base_director[2]);
-    rod->energy_before = h->energy_before;
-    rod->node_count = h->node_count;
-    rod->plain = h->plain;
-    rod->base_director_set = h->base_director_set;
-    rod->energy_monitored = h->energy_monitored;
-    rod->grips = h->grips;
-}
-
-/* Arrays of edges have a place per node, too: whole ones are copied. Returns where the bytes that are no numbers
- * begin. */
-static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
-{
-    ndli_v3 *vectors[] = {rod->x,      rod->v,      rod->a,    rod->director,       rod->tangent,
-                          rod->target, rod->target_velocity, rod->force, rod->reaction};
-    double *reals[] = {rod->theta, rod->rest_length, rod->mass, rod->cell, rod->turn, rod->torque, rod->reaction_torque,
-                       rod->grip,  rod->grip_limit,  rod->anchor};
-    size_t n = (size_t)node_count, flags;
-    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
-        ndli_image_part(image, vectors[i], n, sizeof(ndli_v3));
-    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
-        ndli_image_part(image, reals[i], n, sizeof(double));
-    ndli_image_part(image, rod->rest_bend, n, 2 * sizeof(double));
-    flags = image->used;
-    ndli_image_part(image, rod->held, n, 1);
-    ndli_image_part(image, rod->has_velocity, n, 1);
-    ndli_image_part(image, rod->turn_held, n, 1);
-    return flags;
-}
-
-static size_t ndli_rod_measure(ndl_rod *rod, int node_count, size_t *flags)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.used = sizeof(ndli_rod_head);
-    *flags = ndli_rod_walk(rod, node_count, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_rod_snapshot_size(const ndl_rod *rod, int node_count)
-{
-    ndl_rod view = *rod;
-    size_t flags;
-    return ndli_rod_measure(&view, node_count, &flags);
-}
-
-NDLI_API void ndli_rod_snapshot(const ndl_rod *rod, void *buffer)
-{
-    ndl_rod view = *rod;
-    ndli_rod_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_rod_fill_head(rod, &head);
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_rod_walk(&view, head.node_count, &image);
-}
-
-NDLI_API void ndli_rod_rewind(ndl_rod *rod, const void *buffer)
-{
-    ndli_rod_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    ndli_rod_take_head(rod, &head);
-    ndli_rod_walk(rod, head.node_count, &image);
-    ndli_rod_publish(rod);
-}
-
-static sb_result ndli_rod_check_image(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
-{
-    const unsigned char *in;
-    ndli_rod_head own, head;
-    size_t told, flags;
-    sb_result result = ndli_image_check(buffer, size, ndli_rod_magic, "rod", error);
-    if (result != SB_OK)
-        return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    told = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    if (told < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod ends in its head");
-    memcpy(&head, in, sizeof head);
-    ndli_rod_fill_head(rod, &own);
-    if (head.order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved rod is of a machine with another order of bytes");
-    if (memcmp(&own, &head, 6 * sizeof(double)) != 0 || own.max_newton != head.max_newton)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod was made from another def");
-    if (head.node_count > rod->capacity)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head.node_count,
-                        rod->capacity);
-    if (head.node_count < 2 || head.grips < 0 || head.grips >= head.node_count ||
-        ndli_rod_measure(rod, head.node_count, &flags) != told ||
-        !ndli_state_is_flag(head.plain) || !ndli_state_is_flag(head.base_director_set) ||
-        !ndli_state_is_flag(head.energy_monitored))
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
-    for (size_t at = 0; at < flags; at += sizeof(double)) {
-        double value;
-        memcpy(&value, in + at, sizeof value);
-        if ((at < 15 * sizeof(double) || at >= sizeof head) && value - value != 0)
-            return sbi_fail(error, SB_ERROR_NOT_FINITE, "the saved rod holds a number that is not finite");
-    }
-    return SB_OK;
-}
-
-NDL_API size_t ndl_rod_state_size(const ndl_rod *rod)
-{
-    return rod ? ndli_rod_snapshot_size(rod, rod->node_count) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_rod_save(const ndl_rod *rod, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_rod_state_size(rod);
-    if (!rod || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", rod ? "buffer" : "rod");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this rod takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    ndli_rod_snapshot(rod, (unsigned char *)buffer + SBI_IMAGE_HEAD);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_rod_magic, NDLI_IMAGE_VERSION);
-    return SB_OK;
-}
-
-NDL_API sb_result ndl_rod_load(ndl_rod *rod, const void *buffer, size_t size, sb_error *error)
-{
-    sb_result result;
-    if (!rod)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "rod is NULL");
-    result = ndli_rod_check_image(rod, buffer, size, error);
-    if (result == SB_OK)
-        ndli_rod_rewind(rod, (const unsigned char *)buffer + SBI_IMAGE_HEAD);
-    return result;
 }
 
 /* ==== src/needle/steer_path.h ==== */
@@ -13038,28 +10437,28 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 6, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod nodes first .. first + count - 1 sit on the tissue's nodes path[0 .. count - 1]. The unknowns are accelerations of
- * the tissue, a, and in the same measure (displacements over kappa = beta dt^2) the slip alpha of a coupled node along
- * its tangent t and the motion of a free one, z. With `known` the part of a displacement that no unknown brings, rod node i moves by
+ * Rod nodes first .. first + count - 1 sit on the body's nodes path[0 .. count - 1]. The unknowns are displacements over
+ * the step: of the body's nodes, u; the slip alpha of a coupled node along its tangent t; and the motion z of a free one.
+ * Rod node i moves by
  *
- *     u = known + kappa (a + t alpha)   coupled        u = known + kappa z   free        u = known   held
+ *     u + t alpha   coupled        z   free        target - x   held
  *
- * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. The rod is
+ * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. Where forces balance
+ * before the end of the step (generalised alpha), unknowns are those of that level; the whole way is 1/level of it, and the
+ * force there the same share between that of the last step and that at the end. The rod is
  * stepped by implicit Euler: its own vibrations are far above what steps resolve, and Euler leaves none of them. With
- * constraints on displacements that is passive next to a tissue stepped by Newmark (the rod's inertia, damping and
- * stiffness seen through the tissue's velocity have no negative real part on the unit circle). */
+ * constraints on displacements that is passive next to a body stepped by Newmark (the rod's inertia, damping and stiffness
+ * seen through the body's velocity have no negative real part on the unit circle). */
 #ifndef NDL_COUPLE_LINE_H
 #define NDL_COUPLE_LINE_H
 
 
-/* Unknowns of a rod node in the band: a or z, and alpha. A bend joins the first of node i - 2 to the last of node i. */
+/* Unknowns of a rod node: the first three are z (in the block solve also u), the fourth is alpha. A bend joins the first of
+ * node i - 2 to the last of node i. */
 enum { NDLI_LINE_UNKNOWNS = 4, NDLI_LINE_WIDTH = 11 };
-
-typedef double ndli_line_unknown[NDLI_LINE_UNKNOWNS];
 
 typedef struct ndli_line {
     ndl_rod *rod;    /* borrowed */
-    ndl_tissue *tissue; /* borrowed */
     int capacity;    /* rod nodes there is room for */
     sb_allocator allocator;
     void *memory;
@@ -13067,7 +10466,7 @@ typedef struct ndli_line {
     /* set by the room above before a solve */
     int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
                        * may follow: a tip that is hardly in has none of its own in the tissue */
-    const int *path; /* [count] tissue nodes */
+    const int *path; /* [count] nodes of the body */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
     double *friction; /* [nodes] N: limit of static friction, and dynamic friction */
     double *viscous;  /* [nodes] N s/m: friction per slip speed */
@@ -13076,23 +10475,24 @@ typedef struct ndli_line {
     /* what a solve finds */
     double *slip;        /* [nodes] m along the tangent, of the rod past the tissue */
     ndli_v3 *move;       /* [nodes] displacement of the rod's nodes (m) */
-    ndli_v3 *contact;    /* [nodes] force of the tissue on the rod (N) */
+    ndli_v3 *contact;    /* [nodes] force of the tissue on the rod (N); before it, that of the last step */
     ndli_v3 *reaction;   /* [nodes] force of the supports on the rod (N) */
 
     /* holds nothing between solves */
-    double dt, kappa;
+    double dt, level;    /* level: share of the new forces in the body's equations */
+    const sb_matrix *matrix;
     ndli_v3 *tangent;    /* [nodes] */
-    ndli_v3 *known;      /* [nodes] (m) */
-    ndli_v3 *load;       /* [nodes] right-hand side, known displacements in it (N) */
+    ndli_v3 *load;       /* [nodes] right-hand side (N) */
+    ndli_v3 *before;     /* [nodes] contact of the last step (N) */
     ndli_v3 *motion;     /* [nodes] */
-    ndli_v3 *force;      /* [nodes] kappa H times motion (N) */
-    ndli_line_unknown *unknown, *residual, *search, *product, *correction; /* [nodes] */
-    double *band, *right; /* [4 nodes][NDLI_LINE_WIDTH + 1], [4 nodes] */
+    ndli_v3 *force;      /* [nodes] H times motion (N) */
+    double *band;        /* [4 nodes][NDLI_LINE_WIDTH + 1] */
+    double *right;       /* [4 nodes] */
 } ndli_line;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* 0: no memory. */
-NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, ndl_tissue *tissue, const sb_allocator *allocator);
+NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, const sb_allocator *allocator);
 NDLI_API void ndli_line_free(ndli_line *line); /* safe on zeros */
 
 SB_INLINE int ndli_line_is_slipping(const ndli_line *line, int i) { return line->state[i] > NDL_STATIC; }
@@ -13108,42 +10508,58 @@ SB_INLINE double ndli_line_limit(const ndli_line *line, int i, int sign)
 {
     return line->friction[i] + (sign > 0 && i == ndli_line_foremost(line) ? line->cutting : 0);
 }
+SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_UNKNOWNS * line->rod->node_count; }
 
-/* The rod's part of the system at its present shape, after ndli_solid_begin: kappa H, tangents, known displacements
- * and loads; unknowns 0. Returns -1, or the node at which the rod is folded. */
-NDLI_API int ndli_line_linearise(ndli_line *line, double dt);
-/* Rows of the present friction states: the band of what the rod's unknowns and its coupled tissue nodes have among
- * themselves, factored. 0: not positive definite. */
-NDLI_API int ndli_line_factor(ndli_line *line);
+/* The rod's part of the system at its present shape: H, tangents, loads. Returns -1, or the node at which the rod is
+ * folded. */
+NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
+/* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
+NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored;
+ * matrix: the body's. 0: not positive definite. */
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
+/* Before a step: the contact forces are those at its start. */
+NDLI_API void ndli_line_keep_contact(ndli_line *line);
 
-/* The parts of a guest of the tissue's solve; see ndli_solid_guest. */
-NDLI_API void ndli_line_begin(ndli_line *line);
-NDLI_API void ndli_line_settle(ndli_line *line);
-NDLI_API void ndli_line_direct(ndli_line *line, double factor);
-NDLI_API double ndli_line_multiply(ndli_line *line);
-NDLI_API void ndli_line_advance(ndli_line *line, double factor);
-NDLI_API double ndli_line_precondition(ndli_line *line);
-
-/* unknown = that of the rod's block alone, with tissue->unknown on coupled rows; after ndli_line_precondition. */
-NDLI_API void ndli_line_guess(ndli_line *line);
+/* The parts of a guest's calls; unknown: [4 nodes], nodes: [count][3] of the body's nodes on the path. */
+/* y = loads - G x (loads != 0), or G x. */
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
+                              double *out_nodes);
+/* z = (G + A)^-1 r on its rows. */
+NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
+                                    double *out_nodes);
 /* slip, move, contact and reaction from the unknowns. */
-NDLI_API void ndli_line_read(ndli_line *line);
+NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const double *nodes);
 #endif
 
 #endif /* NDL_COUPLE_LINE_H */
 
 /* ==== src/needle/couple_solve.h ==== */
-/* couple_solve: friction states and motion of a step. Floor 6, internal. */
+/* couple_solve: all needles of a body as one guest of its solve. Floor 6, internal. */
 #ifndef NDL_COUPLE_SOLVE_H
 #define NDL_COUPLE_SOLVE_H
 
 
+/* What the guest works on. The lines' states are the first guess; afterwards they hold those found, with the forces and
+ * motions that go with them. Nothing of a rod's state changes. */
+typedef struct ndli_couple {
+    ndli_line *const *lines; /* [count] */
+    int count;
+    int max_trials;
+    ndl_couple_info info;    /* trials, consistent: of the solve that has ended */
+    sbi_guest guest;
+    const sb_matrix *matrix; /* the body's, of the present system */
+    int indefinite;          /* 1: the block of a set of friction states could not be factored */
+    int fewest, stalled;     /* how many states were contradicted at best, and for how many trials it has not been fewer */
+} ndli_couple;
+
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* After ndli_solid_begin: the accelerations of the tissue (tissue->unknown) and what each line finds, with the friction
- * states that go with it; lines' states are the first guess. Nothing of the tissue's or a rod's state changes.
- * SB_ERROR_DIVERGED: a folded rod (node named), or something is not finite. */
-NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
-                                     ndl_couple_info *info, sb_error *error);
+/* Makes the guest. unknown: [sum of ndli_line_unknown_count], nodes: [sum of the lines' counts], both borrowed until the
+ * solve has ended. */
+NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                  double *unknown, int *nodes);
+/* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
+NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error);
 #endif
 
 #endif /* NDL_COUPLE_SOLVE_H */
@@ -13160,27 +10576,22 @@ static void ndli_line_layout(ndli_line *line, sbi_arena *arena)
 {
     size_t n = (size_t)line->capacity;
     ndli_v3 **vectors[] = {&line->move, &line->contact, &line->reaction, &line->tangent,
-                           &line->known, &line->load, &line->motion, &line->force};
+                           &line->load, &line->before, &line->motion, &line->force};
     double **reals[] = {&line->friction, &line->viscous, &line->slip};
-    ndli_line_unknown **unknowns[] = {&line->unknown, &line->residual, &line->search, &line->product,
-                                      &line->correction};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
         *reals[i] = (double *)sbi_arena_take(arena, n, sizeof(double));
-    for (size_t i = 0; i < sizeof unknowns / sizeof *unknowns; i++)
-        *unknowns[i] = (ndli_line_unknown *)sbi_arena_take(arena, n, sizeof(ndli_line_unknown));
     line->band = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * (NDLI_LINE_WIDTH + 1) * sizeof(double));
     line->right = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * sizeof(double));
     line->state = (unsigned char *)sbi_arena_take(arena, n, 1);
 }
 
-NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, ndl_tissue *tissue, const sb_allocator *allocator)
+NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, const sb_allocator *allocator)
 {
     sbi_arena arena = {NULL, 0, 0};
     memset(line, 0, sizeof *line);
     line->rod = rod;
-    line->tissue = tissue;
     line->capacity = rod->capacity;
     line->first = rod->node_count;
     line->allocator = *allocator;
@@ -13208,13 +10619,6 @@ static int ndli_line_is_coupled(const ndli_line *line, int i)
     return i >= line->first && i < line->first + line->count;
 }
 
-/* Tissue node of a coupled rod node when its accelerations are unknowns, else -1. */
-static int ndli_line_partner(const ndli_line *line, int i)
-{
-    int node = ndli_line_is_coupled(line, i) ? line->path[i - line->first] : -1;
-    return node >= 0 && line->tissue->role[node] == NDLI_ROW_COUPLED ? node : -1;
-}
-
 /* Along which a node may slip: between its edges, at the tip the last one. */
 static void ndli_line_set_tangents(ndli_line *line)
 {
@@ -13228,28 +10632,8 @@ static void ndli_line_set_tangents(ndli_line *line)
     }
 }
 
-/* Where nodes go without their unknowns. */
-static void ndli_line_set_known(ndli_line *line)
-{
-    const ndl_rod *rod = line->rod;
-    const ndl_tissue *t = line->tissue;
-    const ndli_solid_scheme *s = &t->scheme;
-    for (int i = 0; i < rod->node_count; i++) {
-        line->known[i] = ndli_scale(line->dt, rod->v[i]);
-        if (rod->held[i]) {
-            line->known[i] = ndli_sub(rod->target[i], rod->x[i]);
-        } else if (ndli_line_is_coupled(line, i)) {
-            int node = line->path[i - line->first];
-            sb_vec3 way = sb_v3_scale(s->dt, sb_v3_madd(t->mesh.v[node], s->dt * s->c0, t->before[node]));
-            if (t->role[node] == NDLI_ROW_HELD)
-                way = sb_v3_sub(t->target[node], t->mesh.x[node]);
-            line->known[i] = ndli_from(way);
-        }
-    }
-}
-
-/* force = kappa H motion, by the lower half of H. */
-static void ndli_line_apply(const ndli_line *line, const ndli_v3 *motion, ndli_v3 *force)
+/* force = H motion, by the lower half of H. */
+static void ndli_line_press(const ndli_line *line, const ndli_v3 *motion, ndli_v3 *force)
 {
     for (int i = 0; i < line->rod->node_count; i++) {
         const ndli_m3 *row = line->rod->matrix.node[i];
@@ -13261,44 +10645,47 @@ static void ndli_line_apply(const ndli_line *line, const ndli_v3 *motion, ndli_v
     }
 }
 
-/* H = M/dt^2 + C/dt + K with its elastic part safe: positive definite. It is scaled by kappa, so that it acts on
- * accelerations as the tissue's matrix does. */
+/* H = M/dt^2 + C/dt + K with its elastic part safe: positive definite. */
 static void ndli_line_set_matrix(ndli_line *line)
 {
     ndl_rod *rod = line->rod;
     ndli_rod_derivatives(rod, NDLI_ROD_NO_TWIST, rod->gradient, rod->turn_gradient, &rod->matrix);
     ndli_rod_set_damping_shape(rod);
     ndli_rod_add_damping_matrix(rod, 1 / line->dt, &rod->matrix);
-    for (int i = 0; i < rod->node_count; i++) {
+    for (int i = 0; i < rod->node_count; i++)
         ndli_m_add_identity(&rod->matrix.node[i][0], rod->mass[i] / (line->dt * line->dt));
-        for (int k = 0; k <= 2; k++)
-            for (int c = 0; c < 9; c++)
-                rod->matrix.node[i][k].m[c / 3][c % 3] *= line->kappa;
-    }
 }
 
-NDLI_API int ndli_line_linearise(ndli_line *line, double dt)
+NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step)
 {
     ndl_rod *rod = line->rod;
-    const ndli_solid_scheme *s = &line->tissue->scheme;
-    size_t n = (size_t)rod->node_count;
     int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
     if (bad >= 0)
         return bad;
-    line->dt = dt;
-    line->kappa = (double)s->dt * (double)s->dt * (double)s->beta;
+    line->dt = step->dt;
+    line->level = step->level;
     ndli_line_set_tangents(line);
-    ndli_line_set_known(line);
     ndli_line_set_matrix(line);
-    ndli_line_apply(line, line->known, line->force);
-    for (size_t i = 0; i < n; i++) {
-        ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / dt, rod->v[i]));
-        load = ndli_sub(load, rod->gradient[i]);
-        line->load[i] = ndli_madd(load, -1 / line->kappa, line->force[i]);
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / line->dt, rod->v[i]));
+        line->load[i] = ndli_sub(load, rod->gradient[i]);
     }
-    memset(line->unknown, 0, n * sizeof *line->unknown);
-    memset(line->search, 0, n * sizeof *line->search);
     return -1;
+}
+
+NDLI_API void ndli_line_keep_contact(ndli_line *line)
+{
+    memcpy(line->before, line->contact, (size_t)line->rod->node_count * sizeof *line->before);
+}
+
+NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
+{
+    const ndl_rod *rod = line->rod;
+    for (int i = 0; i < rod->node_count; i++, unknown += NDLI_LINE_UNKNOWNS) {
+        int moves = !rod->held[i] && !ndli_line_is_coupled(line, i);
+        ndli_v3 way = moves ? ndli_scale(line->level * line->dt, rod->v[i]) : ndli_v(0, 0, 0);
+        unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
+    }
 }
 
 /* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
@@ -13308,104 +10695,67 @@ static double ndli_line_drag(const ndli_line *line, int i)
     return -sign * ndli_line_limit(line, i, sign);
 }
 
-/* Viscous friction per unit of alpha (N). */
-static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] * line->kappa / line->dt; }
+/* Viscous friction per slip (N/m). */
+static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
 
-/* ---- the guest ---- */
-
-/* motion = what `unknown` moves, before kappa; on coupled rows with the tissue's vector. */
-static void ndli_line_expand(ndli_line *line, const ndli_line_unknown *unknown, const sb_vec3 *tissue)
+static ndli_v3 ndli_line_at(const double *vectors, int stride, int i)
 {
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        if (line->rod->held[i])
-            line->motion[i] = ndli_v(0, 0, 0);
-        else if (!ndli_line_is_coupled(line, i))
-            line->motion[i] = ndli_v(unknown[i][0], unknown[i][1], unknown[i][2]);
-        else
-            line->motion[i] = ndli_madd(partner < 0 ? ndli_v(0, 0, 0) : ndli_from(tissue[partner]), unknown[i][3],
-                                        line->tangent[i]);
-    }
+    const double *v = vectors + (size_t)stride * (size_t)i;
+    return ndli_v(v[0], v[1], v[2]);
 }
 
-NDLI_API void ndli_line_begin(ndli_line *line)
+static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
+{
+    double *out = vectors + (size_t)stride * (size_t)i;
+    out[0] = v.x, out[1] = v.y, out[2] = v.z;
+}
+
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
+ * way. */
+static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 load = line->load[i];
-        int partner = ndli_line_partner(line, i), slips = ndli_line_is_slipping(line, i);
-        double *r = line->residual[i];
-        r[0] = r[1] = r[2] = r[3] = 0;
-        if (!slips)
-            line->unknown[i][3] = 0;
-        if (partner >= 0)
-            line->tissue->residual[partner] = sb_v3_add(line->tissue->residual[partner], ndli_to(load));
-        if (ndli_line_is_coupled(line, i))
-            r[3] = slips ? ndli_dot(line->tangent[i], load) + ndli_line_drag(line, i) : 0;
-        else if (!rod->held[i])
-            r[0] = load.x, r[1] = load.y, r[2] = load.z;
+        int coupled = ndli_line_is_coupled(line, i);
+        ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
+        if (coupled && ndli_line_is_slipping(line, i))
+            way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
+                                       : ndli_scale(1 / line->level, way);
     }
-    memcpy(line->search, line->unknown, (size_t)rod->node_count * sizeof *line->search);
 }
 
-/* y += s x */
-static void ndli_line_add(const ndli_line *line, ndli_line_unknown *y, double s, const ndli_line_unknown *x)
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
+                              double *out_nodes)
 {
-    for (int i = 0; i < line->rod->node_count; i++)
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            y[i][c] += s * x[i][c];
-}
-
-NDLI_API void ndli_line_settle(ndli_line *line)
-{
-    ndli_line_add(line, line->residual, -1, (const ndli_line_unknown *)line->product);
-}
-
-NDLI_API void ndli_line_direct(ndli_line *line, double factor)
-{
-    for (int i = 0; i < line->rod->node_count; i++)
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            line->search[i][c] = line->correction[i][c] + factor * line->search[i][c];
-}
-
-NDLI_API void ndli_line_advance(ndli_line *line, double factor)
-{
-    ndli_line_add(line, line->unknown, factor, (const ndli_line_unknown *)line->search);
-    ndli_line_add(line, line->residual, -factor, (const ndli_line_unknown *)line->product);
-}
-
-NDLI_API double ndli_line_multiply(ndli_line *line)
-{
-    ndl_tissue *t = line->tissue;
-    double sum = 0;
-    ndli_line_expand(line, (const ndli_line_unknown *)line->search, t->search);
-    ndli_line_apply(line, line->motion, line->force);
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        double *q = line->product[i];
-        q[0] = q[1] = q[2] = q[3] = 0;
-        if (partner >= 0)
-            t->product[partner] = sb_v3_add(t->product[partner], ndli_to(line->force[i]));
-        if (!ndli_line_is_coupled(line, i)) {
-            if (!line->rod->held[i])
-                q[0] = line->force[i].x, q[1] = line->force[i].y, q[2] = line->force[i].z;
-        } else if (ndli_line_is_slipping(line, i)) {
-            double along = ndli_line_viscosity(line, i) * line->search[i][3];
-            q[3] = ndli_dot(line->tangent[i], line->force[i]) + along;
-            sum += along * line->search[i][3];
+    const ndl_rod *rod = line->rod;
+    memset(out_unknown, 0, (size_t)ndli_line_unknown_count(line) * sizeof *out_unknown);
+    ndli_line_expand(line, loads, unknown, nodes);
+    ndli_line_press(line, line->motion, line->force);
+    for (int i = 0; i < rod->node_count; i++) {
+        int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
+        ndli_v3 row = loads ? ndli_sub(line->load[i], line->force[i]) : line->force[i];
+        double along = ndli_dot(line->tangent[i], row);
+        if (slips) {
+            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level;
+            along += loads ? ndli_line_drag(line, i) - viscous : viscous;
+            out_unknown[NDLI_LINE_UNKNOWNS * i + 3] = line->level * along;
         }
-        sum += ndli_dot(line->motion[i], line->force[i]);
+        row = ndli_scale(line->level, row);
+        if (coupled)
+            ndli_line_put(out_nodes, 3, i - line->first, loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
+        else if (!rod->held[i])
+            ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, i, row);
     }
-    return sum;
 }
 
 /* ---- the rod's block ---- */
 
-/* Displacements of node i by its unknowns: u = [first, along] (a or z, alpha). */
+/* Displacements of node i by its unknowns: [first, along] (u or z, alpha). */
 typedef struct ndli_line_map {
-    int moves;     /* 1: the first three are unknowns, */
+    int moves[3];  /* 1: the component is an unknown, */
     int slips;     /* 1: the fourth is */
-    int partner;   /* the tissue's node of the first three, or -1 */
+    int node;      /* the body's node of the first three, or -1 */
     ndli_v3 along;
 } ndli_line_map;
 
@@ -13413,58 +10763,53 @@ static ndli_line_map ndli_line_get_map(const ndli_line *line, int i)
 {
     ndli_line_map map;
     int coupled = ndli_line_is_coupled(line, i);
-    map.partner = ndli_line_partner(line, i);
-    map.moves = coupled ? map.partner >= 0 : !line->rod->held[i];
+    map.node = coupled ? line->path[i - line->first] : -1;
+    for (int c = 0; c < 3; c++)
+        map.moves[c] = coupled ? !(line->matrix->fixed[map.node] >> c & 1) : !line->rod->held[i];
     map.slips = coupled && ndli_line_is_slipping(line, i);
     map.along = line->tangent[i];
     return map;
 }
 
-static ndli_m3 ndli_line_from_mat3(const sb_mat3 *a)
+/* out += the block of the body's matrix between the nodes of two rod nodes. */
+static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b, ndli_m3 *out)
 {
-    ndli_m3 out;
-    for (int c = 0; c < 9; c++)
-        out.m[c / 3][c % 3] = (double)a->m[c / 3][c % 3];
-    return out;
+    int place = a->node >= 0 && b->node >= 0 ? sb_matrix_find(line->matrix, a->node, b->node) : -1;
+    for (int c = 0; place >= 0 && c < 9; c++)
+        out->m[c / 3][c % 3] += (double)line->matrix->blocks[place][c];
 }
 
-/* A block of the tissue's matrix between the partners of two nodes. */
-static ndli_m3 ndli_line_tissue_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b)
-{
-    sb_mat3 block = sb_m3_zero();
-    if (a->partner >= 0 && a->partner == b->partner)
-        block = ndli_solid_node_block(line->tissue, a->partner);
-    else if (a->partner >= 0 && b->partner >= 0)
-        ndli_solid_edge_block(line->tissue, a->partner, b->partner, &block);
-    return ndli_line_from_mat3(&block);
-}
-
-/* Rows of node i against columns of node i - k: the rod's block seen through the maps, and the tissue's. */
+/* Rows of node i against columns of node i - k: the rod's block seen through the maps, and the body's. */
 static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI_LINE_UNKNOWNS][NDLI_LINE_UNKNOWNS])
 {
     ndli_line_map a = ndli_line_get_map(line, i), b = ndli_line_get_map(line, i - k);
-    const ndli_m3 *h = &line->rod->matrix.node[i][k];
-    ndli_m3 tissue = ndli_line_tissue_block(line, &a, &b);
-    ndli_v3 right = ndli_m_apply(h, b.along), left = ndli_m_tapply(h, a.along);
+    ndli_m3 h = ndli_m_zero(), both;
+    ndli_v3 right, left;
+    ndli_m_add(&h, 1, &line->rod->matrix.node[i][k]); /* forces count with the level, ways with its inverse */
+    both = h;
+    ndli_line_add_body_block(line, &a, &b, &both);
+    right = ndli_m_apply(&h, b.along);
+    left = ndli_m_tapply(&h, a.along);
     memset(out, 0, NDLI_LINE_UNKNOWNS * sizeof *out);
     for (int r = 0; r < 3; r++) {
-        for (int c = 0; c < 3 && a.moves && b.moves; c++)
-            out[r][c] = h->m[r][c] + tissue.m[r][c];
-        out[r][3] = a.moves && b.slips ? ndli_component(right, r) : 0;
-        out[3][r] = a.slips && b.moves ? ndli_component(left, r) : 0;
+        for (int c = 0; c < 3; c++)
+            out[r][c] = a.moves[r] && b.moves[c] ? both.m[r][c] : 0;
+        out[r][3] = a.moves[r] && b.slips ? ndli_component(right, r) : 0;
+        out[3][r] = a.slips && b.moves[r] ? ndli_component(left, r) : 0;
     }
     out[3][3] = a.slips && b.slips ? ndli_dot(a.along, right) : 0;
     if (k == 0) {
         out[3][3] += a.slips ? ndli_line_viscosity(line, i) : 1;
-        for (int r = 0; r < 3 && !a.moves; r++)
-            out[r][r] = 1;
+        for (int r = 0; r < 3; r++)
+            out[r][r] += a.moves[r] ? 0 : 1;
     }
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line)
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
     int n = N * line->rod->node_count;
+    line->matrix = matrix;
     memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
@@ -13478,69 +10823,39 @@ NDLI_API int ndli_line_factor(ndli_line *line)
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
-/* right = the block's inverse times the residuals of its rows. */
-static void ndli_line_solve_block(ndli_line *line)
+NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
+                                    double *out_nodes)
 {
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        double *b = line->right + NDLI_LINE_UNKNOWNS * i;
-        memcpy(b, line->residual[i], sizeof line->residual[i]);
-        if (partner >= 0) {
-            ndli_v3 r = ndli_from(line->tissue->residual[partner]);
-            b[0] = r.x, b[1] = r.y, b[2] = r.z;
-        }
-    }
-    ndli_band_solve(line->band, NDLI_LINE_UNKNOWNS * line->rod->node_count, NDLI_LINE_WIDTH, line->right);
-}
-
-NDLI_API double ndli_line_precondition(ndli_line *line)
-{
-    double sum = 0;
-    ndli_line_solve_block(line);
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        const double *z = line->right + NDLI_LINE_UNKNOWNS * i;
-        memcpy(line->correction[i], z, sizeof line->correction[i]);
-        if (partner >= 0) {
-            ndli_v3 a = ndli_v(z[0], z[1], z[2]);
-            line->tissue->correction[partner] = ndli_to(a);
-            sum += ndli_dot(a, ndli_from(line->tissue->residual[partner]));
-            memset(line->correction[i], 0, 3 * sizeof(double));
-        }
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            sum += line->correction[i][c] * line->residual[i][c];
-    }
-    return sum;
-}
-
-NDLI_API void ndli_line_guess(ndli_line *line)
-{
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            line->unknown[i][c] += line->correction[i][c];
-        if (partner >= 0)
-            line->tissue->unknown[partner] =
-                sb_v3_add(line->tissue->unknown[partner], line->tissue->correction[partner]);
+    double *right = line->right;
+    size_t bytes = (size_t)ndli_line_unknown_count(line) * sizeof(double);
+    memcpy(right, unknown, bytes);
+    for (int k = 0; k < line->count; k++)
+        ndli_line_put(right, NDLI_LINE_UNKNOWNS, line->first + k, ndli_line_at(nodes, 3, k));
+    ndli_band_solve(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, right);
+    memcpy(out_unknown, right, bytes);
+    for (int k = 0; k < line->count; k++) {
+        ndli_line_put(out_nodes, 3, k, ndli_line_at(right, NDLI_LINE_UNKNOWNS, line->first + k));
+        ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, line->first + k, ndli_v(0, 0, 0));
     }
 }
 
 /* ---- results ---- */
 
-NDLI_API void ndli_line_read(ndli_line *line)
+NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
-    ndli_line_expand(line, (const ndli_line_unknown *)line->unknown, line->tissue->unknown);
-    ndli_line_apply(line, line->motion, line->force);
+    ndli_line_expand(line, 1, unknown, nodes);
+    ndli_line_press(line, line->motion, line->force);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
-        int coupled = ndli_line_is_coupled(line, i);
-        if (coupled && ndli_line_is_slipping(line, i)) { /* its friction is known better than the rows' residual */
-            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * line->unknown[i][3];
+        int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
+        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level : 0;
+        if (slips) { /* its friction is known better than the rows' residual */
+            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * slip;
             balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);
         }
-        line->move[i] = ndli_madd(line->known[i], line->kappa, line->motion[i]);
-        line->slip[i] = coupled ? line->kappa * line->unknown[i][3] : 0;
+        line->move[i] = line->motion[i];
+        line->slip[i] = slip;
         line->contact[i] = coupled ? balance : none;
         line->reaction[i] = rod->held[i] ? balance : none;
     }
@@ -13554,66 +10869,91 @@ NDLI_API void ndli_line_read(ndli_line *line)
 
 #include <string.h>
 
-typedef struct ndli_couple {
-    ndl_tissue *tissue;
-    ndli_line *const *lines;
-    int count;
-} ndli_couple;
+/* ---- the lines' parts of the guest's vectors: all unknowns, then three components of each node ---- */
 
-/* ---- the lines as one guest ---- */
+typedef struct ndli_couple_part {
+    size_t unknown, nodes; /* where the line's begin */
+} ndli_couple_part;
 
-static void ndli_couple_begin(void *user)
+static ndli_couple_part ndli_couple_first(const ndli_couple *c)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_begin(c->lines[k]);
+    ndli_couple_part part;
+    part.unknown = 0;
+    part.nodes = (size_t)c->guest.unknown_count;
+    return part;
 }
 
-static void ndli_couple_settle(void *user)
+static ndli_couple_part ndli_couple_next(const ndli_couple *c, ndli_couple_part part, int k)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_settle(c->lines[k]);
+    part.unknown += (size_t)ndli_line_unknown_count(c->lines[k]);
+    part.nodes += 3 * (size_t)c->lines[k]->count;
+    return part;
 }
 
-static void ndli_couple_direct(void *user, sb_real factor)
+static void ndli_couple_apply(const ndli_couple *c, int loads, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_direct(c->lines[k], (double)factor);
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_apply(c->lines[k], loads, x + at.unknown, x + at.nodes, y + at.unknown, y + at.nodes);
 }
 
-static double ndli_couple_multiply(void *user)
+static void ndli_couple_residual(void *user, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    double sum = 0;
-    for (int k = 0; k < c->count; k++)
-        sum += ndli_line_multiply(c->lines[k]);
-    return sum;
+    ndli_couple_apply((const ndli_couple *)user, 1, x, y);
 }
 
-static void ndli_couple_advance(void *user, sb_real factor)
+static void ndli_couple_multiply(void *user, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_advance(c->lines[k], (double)factor);
+    ndli_couple_apply((const ndli_couple *)user, 0, x, y);
 }
 
-static double ndli_couple_precondition(void *user)
+static void ndli_couple_precondition(void *user, const double *r, double *z)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    double sum = 0;
-    for (int k = 0; k < c->count; k++)
-        sum += ndli_line_precondition(c->lines[k]);
-    return sum;
+    const ndli_couple *c = (const ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_solve_block(c->lines[k], r + at.unknown, r + at.nodes, z + at.unknown, z + at.nodes);
 }
 
 static int ndli_couple_factor(const ndli_couple *c)
 {
     for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k]))
+        if (!ndli_line_factor(c->lines[k], c->matrix))
             return 0;
     return 1;
+}
+
+/* The rods at their shape at the start of the step. */
+static sb_result ndli_couple_linearise(const ndli_couple *c, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
+        int bad = ndli_line_linearise(c->lines[k], step);
+        if (bad >= 0)
+            return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
+        ndli_line_start(c->lines[k], c->guest.unknown + at.unknown);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
+    c->matrix = step->matrix;
+    if (!ndli_couple_factor(c))
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the needles' matrix is not positive definite");
+    return SB_OK;
+}
+
+static void ndli_couple_commit(void *user, const double *x)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
 }
 
 /* ---- friction states ---- */
@@ -13631,11 +10971,12 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
     return NDL_STATIC;
 }
 
-static int ndli_couple_count_wrong(const ndli_couple *c)
+static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 {
+    ndli_couple_part at = ndli_couple_first(c);
     int wrong = 0;
-    for (int k = 0; k < c->count; k++) {
-        ndli_line_read(c->lines[k]);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
         for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
     }
@@ -13656,116 +10997,74 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
         }
 }
 
-/* ---- solve ---- */
-
-/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it:
- * their stiffness, a million times the tissue's, is then no part of the residual. */
-static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
+/* Nodes that stick have no slip. */
+static void ndli_couple_stop(const ndli_couple *c)
 {
-    ndl_tissue *t = c->tissue;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        t->unknown[i] = t->role[i] == NDLI_ROW_FREE ? sb_v3_scale(factor, t->before[i]) : sb_v3(0, 0, 0);
-    for (int k = 0; k < c->count; k++)
-        memset(c->lines[k]->unknown, 0, (size_t)c->lines[k]->rod->node_count * sizeof *c->lines[k]->unknown);
-    ndli_solid_cg_residual(cg);
-    for (int k = 0; k < c->count; k++) {
-        ndli_line_precondition(c->lines[k]);
-        ndli_line_guess(c->lines[k]);
-    }
-    ndli_solid_cg_begin(cg);
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        for (int i = 0; i < c->lines[k]->rod->node_count; i++)
+            if (!ndli_line_is_slipping(c->lines[k], i))
+                c->guest.unknown[at.unknown + NDLI_LINE_UNKNOWNS * (size_t)i + 3] = 0;
 }
 
-/* 1 when the residual pulls against the last accelerations. */
-static int ndli_couple_turns_back(const ndl_tissue *t)
+/* 1: states have changed, and the solve goes on. */
+static int ndli_couple_settle(void *user, const double *x)
 {
-    double sum = 0;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->role[i] == NDLI_ROW_FREE)
-            sum += (double)sb_v3_dot(t->before[i], t->residual[i]);
-    return sum < 0;
+    ndli_couple *c = (ndli_couple *)user;
+    int wrong = ndli_couple_count_wrong(c, x);
+    c->info.consistent = !wrong;
+    if (!wrong || c->info.trials >= c->max_trials)
+        return 0;
+    c->stalled = wrong < c->fewest ? 0 : c->stalled + 1;
+    c->fewest = sbi_min_int(c->fewest, wrong);
+    ndli_couple_flip(c, c->stalled < 3);
+    ndli_couple_stop(c);
+    c->info.trials++;
+    c->indefinite = !ndli_couple_factor(c);
+    return !c->indefinite;
 }
 
-/* Starts from the better guess; returns the size of the residual from rest, which tolerances are relative to.
- * Newmark's average acceleration turns accelerations of what is too stiff for the step round from step to step, and
- * nothing moves by them. A needle that cuts and slips always leaves some, far more than what is new in a step. */
-static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
-{
-    double first;
-    ndli_couple_guess(c, cg, 0);
-    first = cg->rz;
-    if (!ndli_couple_turns_back(c->tissue))
-        return first;
-    ndli_couple_guess(c, cg, -1);
-    if (!(cg->rz < first))
-        ndli_couple_guess(c, cg, 0);
-    return first;
-}
+/* ---- the guest ---- */
 
-/* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
-typedef struct ndli_couple_progress {
-    int fewest, stalled;
-} ndli_couple_progress;
-
-static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double first, int max_trials,
-                                 ndl_couple_info *info, sb_error *error)
+NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                  double *unknown, int *nodes)
 {
-    double enough = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first;
-    ndli_couple_progress progress = {0x7fffffff, 0};
-    for (;;) {
-        /* where states hang on little (a needle at rest), what a solve leaves open would turn them over and back */
-        double target = info->trials > 2 ? 0.01 * enough : enough;
-        sb_result result = ndli_solid_cg_run(cg, target, error);
-        int wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        info->consistent = !wrong;
-        if (result != SB_OK || !wrong || info->trials >= max_trials)
-            return result;
-        progress.stalled = wrong < progress.fewest ? 0 : progress.stalled + 1;
-        progress.fewest = sbi_min_int(progress.fewest, wrong);
-        ndli_couple_flip(c, progress.stalled < 3);
-        info->trials++;
-        if (!ndli_couple_factor(c))
-            return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
-        ndli_solid_cg_begin(cg);
-    }
-}
-
-NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
-                                     ndl_couple_info *info, sb_error *error)
-{
-    ndli_couple c;
-    ndli_solid_guest guest = {&c, ndli_couple_begin, ndli_couple_settle, ndli_couple_direct, ndli_couple_multiply,
-                              ndli_couple_advance, ndli_couple_precondition};
-    ndli_solid_cg cg = {tissue, &guest, 0, 0, 0};
-    sb_result result;
-    double first;
-    c.tissue = tissue;
-    c.lines = lines;
-    c.count = count;
-    memset(info, 0, sizeof *info);
+    memset(couple, 0, sizeof *couple);
+    couple->lines = lines;
+    couple->count = count;
+    couple->max_trials = max_trials;
+    couple->info.trials = 1;
+    couple->fewest = 0x7fffffff;
+    couple->guest.user = couple;
+    couple->guest.unknown = unknown;
+    couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
-        int bad = ndli_line_linearise(lines[k], dt);
-        if (bad >= 0)
-            return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
+        couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
+        ndli_line_keep_contact(lines[k]);
+        for (int i = 0; i < lines[k]->count; i++)
+            nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
-    if (!ndli_couple_factor(&c))
+    couple->guest.taken_count = couple->guest.node_count;
+    couple->guest.residual = ndli_couple_residual;
+    couple->guest.multiply = ndli_couple_multiply;
+    couple->guest.precondition = ndli_couple_precondition;
+    couple->guest.begin = ndli_couple_begin;
+    couple->guest.settle = ndli_couple_settle;
+    couple->guest.commit = ndli_couple_commit;
+}
+
+NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
+{
+    if (couple->indefinite)
         return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
-    first = ndli_couple_start(&c, &cg);
-    info->trials = 1;
-    result = ndli_couple_try(&c, &cg, first, max_trials, info, error);
-    if (result != SB_OK)
-        return result;
-    for (int k = 0; k < count; k++)
-        ndli_line_read(lines[k]);
-    info->iterations = cg.iterations;
-    info->capped = cg.iterations >= tissue->max_iterations;
-    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
     return SB_OK;
 }
 
 /* ==== src/needle/needle_private.h ==== */
-/* needle_private: what is inside a needle, and what the needles of a tissue share. Floor 6, internal: needle.c makes and
- * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
- * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
+ * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
+ * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
+ * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -13777,7 +11076,7 @@ typedef struct ndli_capsule {
 
 struct ndl_needle {
     sb_allocator allocator;
-    ndl_tissue *tissue;
+    struct ndli_site *site; /* what it shares with the other needles of its body */
     int index;            /* number at the remesher */
     ndl_rod *rod;
     ndli_line line;
@@ -13815,20 +11114,36 @@ struct ndl_needle {
     void *memory;
 };
 
-/* What the needles of one tissue share; made for the first, gone with the last. */
+/* What the needles of one body share; made for the first, gone with the last. */
 struct ndli_site {
+    sb_body *body;
+    sb_allocator allocator;
+    int listener;              /* its number at the body */
     ndl_remesh *remesh;
+    const ndli_topology *mesh; /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
-    double mean_edge;  /* of the undeformed tissue (m) */
-    int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
-    int coupled_count;
-    size_t coupled_room;
+    double mean_edge;  /* of the undeformed mesh (m) */
+    int *coupled;      /* [node_room] nodes of the body that needles are on, of a solve */
+    double *unknown;   /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
+    size_t node_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
-    size_t undo_room;
+    size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_site ---- */
+
+/* What the needles of a body share, or NULL: it has none. */
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
+/* Listens to the body, by which it is found. */
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
+NDLI_API void ndli_site_free(struct ndli_site *site);
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+NDLI_API int ndli_site_free_index(const struct ndli_site *site);
+/* Room for the nodes of all needles and so many more; 0: there is no memory. */
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
+
 /* ---- needle_sleeve ---- */
 
 /* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
@@ -13861,18 +11176,573 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
+/* ---- needle_state ---- */
+
+/* What the ints of a command in a recording begin with. */
+typedef enum ndli_needle_command {
+    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
+    NDLI_COMMAND_NEEDLE_GONE = 4
+} ndli_needle_command;
+enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
+
+/* The part of the body's state that the site is, but for its replay. */
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+NDLI_API void ndli_site_leave(const struct ndli_site *site);
+/* For the recording of the body. */
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result);
+
+/* ---- needle_step ---- */
+
+/* Does a recorded command again; user: the site. */
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error);
+
 /* ---- needle_undo ---- */
 
 /* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
-NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more);
-/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
+NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
+/* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
-NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
+NDLI_API int ndli_needle_keep(struct ndli_site *site);
 /* Brings it back. */
-NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
+NDLI_API void ndli_needle_undo(struct ndli_site *site);
+/* Where the body has got another mesh since the last step: needles are outside, whatever they were in. SB_ERROR_MEMORY. */
+NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
 #endif
 
 #endif /* NDL_NEEDLE_PRIVATE_H */
+
+/* ==== src/needle/needle_site.c ==== */
+/* needle_site: what the needles of one body share. */
+
+
+#include <string.h>
+
+/* Takes each edge once: at the tet about it whose slot is the lowest. */
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
+{
+    static const int pairs[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+    double sum = 0;
+    int count = 0;
+    for (int t = 0; t < mesh->tet_end; t++)
+        for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
+            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
+            if (ndli_topology_first_tet(mesh, i, j) != t)
+                continue;
+            sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));
+            count++;
+        }
+    return count ? sum / count : 0;
+}
+
+/* By this call a body knows its needles: what there is to be done when the mesh changes the remesher does. */
+static void ndli_site_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    (void)user;
+    (void)body;
+    (void)change;
+}
+
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body)
+{
+    return (struct ndli_site *)sbi_body_find_listener(body, ndli_site_follow);
+}
+
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error)
+{
+    sb_body_listener listener;
+    memset(&listener, 0, sizeof listener);
+    listener.user = site;
+    listener.follow = ndli_site_follow;
+    return sb_body_listen(site->body, &listener, &site->listener, error);
+}
+
+NDLI_API void ndli_site_free(struct ndli_site *site)
+{
+    sb_allocator allocator = site->allocator;
+    if (site->listener)
+        sb_body_unlisten(site->body, site->listener);
+    ndl_remesh_destroy(site->remesh);
+    sbi_free(&allocator, site->coupled);
+    sbi_free(&allocator, site->unknown);
+    sbi_free(&allocator, site->undo);
+    sbi_free(&allocator, site);
+}
+
+NDLI_API int ndli_site_free_index(const struct ndli_site *site)
+{
+    int index = 0;
+    while (site->needles[index])
+        index++;
+    return index;
+}
+
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more)
+{
+    size_t room = (size_t)more;
+    int *coupled;
+    double *unknown;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
+    if (room <= site->node_room)
+        return 1;
+    coupled = (int *)sbi_alloc(&site->allocator, room, sizeof(int));
+    unknown = (double *)sbi_alloc(&site->allocator, room, NDLI_LINE_UNKNOWNS * sizeof(double));
+    if (!coupled || !unknown) {
+        sbi_free(&site->allocator, coupled);
+        sbi_free(&site->allocator, unknown);
+        return 0;
+    }
+    sbi_free(&site->allocator, site->coupled); /* they hold nothing between steps */
+    sbi_free(&site->allocator, site->unknown);
+    site->coupled = coupled;
+    site->unknown = unknown;
+    site->node_room = room;
+    return 1;
+}
+
+/* ==== src/needle/needle_read.c ==== */
+/* needle_read: what a needle is at. */
+
+#include <string.h>
+
+NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
+
+NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
+{
+    ndl_tip_pose pose;
+    ndli_v3 t, ahead;
+    memset(&pose, 0, sizeof pose);
+    if (!needle)
+        return pose;
+    ahead = ndli_needle_heading(needle);
+    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
+    t = ndli_from(pose.frame.t);
+    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
+    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
+    pose.frame.t = ndli_to(ahead);
+    return pose;
+}
+
+NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
+{
+    if (!needle)
+        return;
+    if (force)
+        *force = ndli_to(needle->base_force);
+    if (torque)
+        *torque = ndli_to(needle->base_torque);
+}
+
+NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
+
+static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
+{
+    return node >= needle->line.first && node < needle->line.first + needle->line.count;
+}
+
+NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node)
+{
+    if (!needle)
+        return 0;
+    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
+}
+
+NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle) { return needle ? needle->site->remesh : NULL; }
+
+NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
+{
+    ndl_contact none;
+    if (!needle) {
+        memset(&none, 0, sizeof none);
+        return none;
+    }
+    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
+}
+
+NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
+{
+    if (!needle)
+        return sb_v3(0, 0, 0);
+    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
+}
+
+NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
+{
+    double sum = 0;
+    if (!needle)
+        return 0;
+    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
+        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
+    return (sb_real)sum;
+}
+
+NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
+NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
+NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
+
+NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
+{
+    if (!needle)
+        return 0;
+    if (needle->line.count == 0)
+        return 0;
+    if (needle->shallow)
+        ndl_remesh_material_point(needle->site->remesh, needle->index,
+                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
+    else
+        *X = needle->site->mesh->X[needle->path[needle->line.count - 1]];
+    return 1;
+}
+
+/* ==== src/needle/needle_state.c ==== */
+/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is not
+ * kept; what the remesher knows is its own part, which is checked before this one. */
+
+#include <string.h>
+
+
+/* By its name it comes behind the remesher's, which it is checked against. */
+static const char ndli_needle_name[] = "needles";
+enum { NDLI_NEEDLE_VERSION = 1 };
+
+/* ---- the image ---- */
+
+typedef struct ndli_site_head {
+    double mean_edge;
+    int order, count;
+    unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
+} ndli_site_head;
+
+enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 4 };
+
+typedef struct ndli_needle_head {
+    uint64_t make; /* hash of what its def says beside the rod */
+    double reals[NDLI_HEAD_REALS];
+    ndli_v3 vectors[NDLI_HEAD_VECTORS];
+    int node_count, first, count, shallow, base_given, hold_steps;
+} ndli_needle_head;
+
+/* The fields that go from step to step, in the order of the head. */
+static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS], ndli_v3 *vectors[NDLI_HEAD_VECTORS])
+{
+    reals[0] = &needle->edge_length, reals[1] = &needle->fed, reals[2] = &needle->advance;
+    reals[3] = &needle->line.cutting;
+    vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
+    vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+}
+
+static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
+{
+    double wide = (double)value;
+    return ndli_image_hash(hash, &wide, sizeof wide);
+}
+
+/* Tables, bevel and membranes; of a cutting of the user's own only that there is one. */
+static uint64_t ndli_needle_make(const ndl_needle *needle)
+{
+    uint64_t hash = ndli_state_hash_real((uint64_t)needle->max_trials, needle->entry_slip);
+    hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
+    hash = ndli_state_hash_real(hash, needle->bevel.angle);
+    hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    for (int i = 0; i < needle->friction_count; i++) {
+        const ndl_friction *f = needle->frictions + i;
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
+        hash = ndli_state_hash_real(hash, f->cutting);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->twist_stiffness), f->twist_friction);
+    }
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *m = &needle->capsules[i].def;
+        hash = ndli_image_hash(hash, m->regions, sizeof m->regions);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, m->strength), m->thickness);
+    }
+    return hash;
+}
+
+/* stale: the body has got another mesh from others since: a needle is outside of it, as the next step will find. */
+static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_needle_head *h)
+{
+    ndl_needle view = *needle;
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    memset(h, 0, sizeof *h);
+    ndli_needle_fields(&view, reals, vectors);
+    h->make = ndli_needle_make(needle);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        h->reals[i] = *reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        h->vectors[i] = *vectors[i];
+    h->node_count = needle->rod->node_count;
+    h->first = stale ? h->node_count : needle->line.first;
+    h->count = stale ? 0 : needle->line.count;
+    h->shallow = stale ? 0 : needle->shallow;
+    h->base_given = needle->base_given;
+    h->hold_steps = needle->hold_steps;
+}
+
+static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
+{
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    ndli_needle_fields(needle, reals, vectors);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        *reals[i] = h->reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        *vectors[i] = h->vectors[i];
+    needle->line.first = h->first;
+    needle->line.count = h->count;
+    needle->shallow = h->shallow;
+    needle->base_given = h->base_given;
+    needle->hold_steps = h->hold_steps;
+    needle->blocked = needle->limited = 0;
+}
+
+/* What its nodes in the tissue have. */
+static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli_image *image)
+{
+    size_t nodes = (size_t)h->count;
+    ndli_image_part(image, needle->path, nodes, sizeof(int));
+    ndli_image_part(image, needle->line.state + h->first, nodes, 1);
+    ndli_image_part(image, needle->line.contact + h->first, nodes, sizeof(ndli_v3));
+}
+
+static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->mean_edge = site->mean_edge;
+    h->order = NDLI_IMAGE_ORDER;
+    h->count = site->count;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        h->used[i] = site->needles[i] != NULL;
+}
+
+static void ndli_site_save(const void *user, sbi_state_out *out)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    int stale = ndli_remesh_is_stale(site->remesh);
+    ndli_site_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_site_fill_head(site, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle view = *site->needles[i];
+            ndli_needle_head needle;
+            ndli_needle_fill_head(&view, stale, &needle);
+            ndli_image_part(&image, &needle, 1, sizeof needle);
+            ndli_needle_walk(&view, &needle, &image);
+            ndli_rod_put(view.rod, out);
+        }
+    out->overflow |= image.overflow;
+}
+
+/* ---- checks ---- */
+
+static int ndli_state_is_number(const double *values, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= values[i] - values[i] == 0;
+    return good;
+}
+
+static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_needle_head *h, sb_error *error)
+{
+    if (h->make != ndli_needle_make(needle))
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d was made from another def", needle->index);
+    if (!ndli_state_is_number(h->reals, NDLI_HEAD_REALS) ||
+        !ndli_state_is_number(&h->vectors[0].x, 3 * NDLI_HEAD_VECTORS))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "saved needle %d holds a number that is not finite", needle->index);
+    if (h->node_count > needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d has %d nodes, this one room for %d", needle->index,
+                        h->node_count, needle->rod->capacity);
+    if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
+        h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
+        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        !(h->reals[0] > 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
+    return SB_OK;
+}
+
+/* The rod is on nodes of the remesher's path, in their order. */
+static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char *path, int count)
+{
+    int there, at = 0;
+    const int *nodes = ndli_remesh_staged_nodes(needle->site->remesh, needle->index, &there);
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(path, (size_t)i);
+        while (at < there && nodes[at] != node)
+            at++;
+        if (at++ == there)
+            return 0;
+    }
+    return 1;
+}
+
+/* The needle at in[size]; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
+                                         sb_error *error)
+{
+    ndl_needle none = *needle;
+    ndli_needle_head h;
+    ndli_image image;
+    const unsigned char *path, *states, *contacts;
+    sb_result result;
+    size_t rod;
+    int good = 1, nodes;
+    if (size < sizeof h)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends in its head", needle->index);
+    memcpy(&h, in, sizeof h);
+    result = ndli_needle_check_head(needle, &h, error);
+    if (result != SB_OK)
+        return result;
+    memset(&image, 0, sizeof image);
+    image.used = ndli_image_room(sizeof h);
+    ndli_needle_walk(&none, &h, &image);
+    if (image.used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends before its nodes do", needle->index);
+    path = in + ndli_image_room(sizeof h);
+    states = path + ndli_image_room((size_t)h.count * sizeof(int));
+    contacts = states + ndli_image_room((size_t)h.count);
+    for (int i = 0; i < h.count; i++)
+        good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
+    for (int i = 0; i < 3 * h.count; i++) {
+        double value;
+        memcpy(&value, contacts + (size_t)i * sizeof value, sizeof value);
+        good &= value - value == 0;
+    }
+    if (!good || !ndli_needle_path_holds(needle, path, h.count))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
+    result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
+    if (result == SB_OK && nodes != h.node_count)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index, h.node_count,
+                          nodes);
+    *used = image.used + (result == SB_OK ? rod : 0);
+    return result;
+}
+
+static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_site_head *h, sb_error *error)
+{
+    if (h->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved needles are of a machine with another order of bytes");
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (h->used[i] != (site->needles[i] != NULL))
+            return sbi_fail(error, SB_ERROR_STATE, h->used[i] ? "the state has a needle %d, the body has not"
+                                                              : "the body has a needle %d, the state has not", i);
+    if (h->count != site->count || !(h->mean_edge > 0) || h->mean_edge - h->mean_edge != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles are damaged in their head");
+    return SB_OK;
+}
+
+static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    ndli_site_head head;
+    size_t at = ndli_image_room(sizeof head);
+    sb_result result;
+    (void)body;
+    if (size < at)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
+    memcpy(&head, bytes, sizeof head);
+    result = ndli_site_check_head(site, &head, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
+        if (site->needles[i]) {
+            size_t used = 0;
+            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            at += used;
+        }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    return result;
+}
+
+static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    ndli_site_head head;
+    ndli_image image;
+    (void)size;
+    memset(&image, 0, sizeof image);
+    image.in = bytes;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    site->mean_edge = head.mean_edge;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle *needle = site->needles[i];
+            ndli_needle_head h;
+            ndli_image_part(&image, &h, 1, sizeof h);
+            ndli_needle_take_head(needle, &h);
+            memset(needle->line.state, NDL_FREE, (size_t)h.node_count);
+            ndli_needle_walk(needle, &h, &image);
+            ndli_rod_rewind(needle->rod, bytes + image.used);
+            image.used += ndli_rod_snapshot_size(needle->rod, h.node_count);
+        }
+}
+
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, ndli_needle_name, sizeof ndli_needle_name);
+    part.version = NDLI_NEEDLE_VERSION;
+    part.user = site;
+    part.save = ndli_site_save;
+    part.check = ndli_site_check;
+    part.load = ndli_site_load;
+    return part;
+}
+
+NDLI_API void ndli_site_leave(const struct ndli_site *site) { sbi_body_leave(site->body, ndli_needle_name); }
+
+/* ---- recording ---- */
+
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = needle->index;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, NULL, 0);
+}
+
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    const sb_vec3 places[3] = {base, direction, director};
+    sb_real reals[9];
+    int ints[2];
+    ints[0] = NDLI_COMMAND_BASE, ints[1] = needle->index;
+    for (int k = 0; k < 3; k++)
+        reals[3 * k] = places[k].x, reals[3 * k + 1] = places[k].y, reals[3 * k + 2] = places[k].z;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, reals, 9);
+}
+
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result)
+{
+    int ints[2 + NDL_MAX_NEEDLES];
+    sb_real reals[1 + NDLI_COMMAND_REALS * NDL_MAX_NEEDLES];
+    ints[0] = NDLI_COMMAND_STEP, ints[1] = count;
+    reals[0] = dt;
+    for (int k = 0; k < count; k++) {
+        sb_real *to = reals + 1 + NDLI_COMMAND_REALS * k;
+        ndl_command c;
+        memset(&c, 0, sizeof c);
+        if (commands)
+            c = commands[k];
+        ints[2 + k] = needles[k]->index;
+        to[0] = c.insertion, to[1] = c.twist;
+        to[2] = c.velocity.x, to[3] = c.velocity.y, to[4] = c.velocity.z;
+        to[5] = c.angular_velocity.x, to[6] = c.angular_velocity.y, to[7] = c.angular_velocity.z;
+    }
+    sbi_body_tell_part_step(site->body, ndli_needle_name, result, ints, 2 + (size_t)count, reals,
+                            1 + NDLI_COMMAND_REALS * (size_t)count);
+}
 
 /* ==== src/needle/needle_sleeve.c ==== */
 /* needle_sleeve: where a needle's sleeve is after a step, and what it feeds and turns. */
@@ -13898,6 +11768,7 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
     needle->given_axis = axis;
     needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
     needle->base_given = 1;
+    ndli_needle_tell_base(needle, base, direction, director);
     return SB_OK;
 }
 
@@ -13989,10 +11860,10 @@ NDLI_API void ndli_needle_aim(ndl_needle *needle, const ndl_command *command, do
 
 /* ---- membranes ---- */
 
-static int ndli_resist_region(const ndl_tissue_mesh *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+static int ndli_resist_region(const ndli_topology *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
-static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int tet, int face)
+static int ndli_resist_holds(const ndli_topology *mesh, const ndl_membrane *membrane, int tet, int face)
 {
     int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
     int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
@@ -14003,7 +11874,7 @@ static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *me
 }
 
 /* Faces of the membrane: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+static int ndli_resist_gather(const ndli_topology *mesh, const ndl_membrane *membrane, int *triangles)
 {
     static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
     int count = 0;
@@ -14020,7 +11891,7 @@ static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *m
 
 static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     sb_mesh faces;
     sb_result result;
     int count = ndli_resist_gather(mesh, membrane, NULL);
@@ -14065,7 +11936,7 @@ static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
 /* Mean over the tets of a tissue node, by volume. */
 static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     double total = 0;
     memset(mean, 0, 5 * sizeof *mean);
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
@@ -14089,7 +11960,7 @@ static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
 /* The region that the tip looks into. */
 static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     sb_vec3 t = ndli_to(needle->rod->tangent[needle->rod->node_count - 2]);
     sb_real best = -SB_REAL_MAX;
     int region = -1;
@@ -14132,15 +12003,15 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 /* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     int tip;
-    sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
+    sb_real ahead = (sb_real)(0.2 * needle->site->mean_edge);
     sb_vec3 way;
     if (needle->shallow || needle->line.count < 2)
         return 0;
     tip = needle->path[needle->line.count - 1];
     way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
-    return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
+    return ndli_topology_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
                                 mesh->node_star[tip] / 4, NULL) < 0;
 }
 
@@ -14196,7 +12067,7 @@ NDLI_API void ndli_needle_resist(ndl_needle *needle)
 /* ---- where the path looks ---- */
 
 /* Deformation gradient about a tissue node: the mean over its tets, by volume. */
-static sb_mat3 ndli_tip_gradient(const ndl_tissue_mesh *mesh, int node)
+static sb_mat3 ndli_tip_gradient(const ndli_topology *mesh, int node)
 {
     sb_mat3 sum = sb_m3_zero();
     sb_real total = 0;
@@ -14227,7 +12098,7 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     sb_mat3 f;
     if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
-    f = ndli_tip_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
+    f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
 }
@@ -14247,7 +12118,7 @@ static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double e
     }
     lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
     size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->tissue->site->mean_edge); /* a chord lags by half its arc's turn */
+    most = 2 * fabs(curvature) * fmax(edge, needle->site->mean_edge); /* a chord lags by half its arc's turn */
     if (size > most) {
         lag = ndli_scale(most / size, lag);
         *heading = ndli_tip_unit(ndli_add(t, lag));
@@ -14261,7 +12132,7 @@ static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_tip_gradient(&needle->tissue->mesh, tip), inverse;
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
     ndli_v3 heading, aside;
     if (!(sb_m3_det(f) > 0) || !(edge > 0))
@@ -14276,11 +12147,11 @@ static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
 /* The heading of the path that is there: that of the circle through its last three nodes. */
 static void ndli_tip_take_heading(ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     ndli_v3 last, before;
     double l, b;
     int count;
-    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     if (count < 2)
         return;
     last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
@@ -14316,26 +12187,26 @@ static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *
 
 static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
-    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
+    if (!ndli_topology_hit(needle->site->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
     return ndli_tip_judge(
         needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
-static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
-static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->site->mean_edge; }
+static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->site->mean_edge; }
 
 /* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
  * looks there. */
 static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_bevel *bevel = &needle->bevel;
     ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
     double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
@@ -14359,8 +12230,8 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
 {
     double share = depth / ndli_tip_deep(needle);
     sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
+    ndl_remesh *remesh = needle->site->remesh;
+    sb_vec3 entry = needle->site->mesh->X[needle->path[0]], way = sb_v3_sub(X, entry);
     sb_result result = SB_ERROR_MESH;
     for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
         sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
@@ -14372,8 +12243,8 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndl_remesh *remesh = needle->site->remesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
@@ -14382,10 +12253,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    if (depth < 0) {
-        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
-        return SB_OK;
-    }
+    if (depth < 0)
+        return ndl_remesh_withdraw(remesh, needle->index, done, error);
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
@@ -14409,34 +12278,35 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
 /* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
 static void ndli_tip_make_shallow(ndl_needle *needle)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndl_remesh *remesh = needle->site->remesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first, count;
     const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
-    double back = needle->tissue->site->mean_edge;
+    double back = needle->site->mean_edge;
     sb_vec3 entry;
     ndl_surface_hit hit;
     if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
                        ndli_tip_shallow(needle)))
         return;
     entry = mesh->x[path[0]];
-    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
-    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
+    if (ndl_remesh_withdraw(remesh, needle->index, NULL, NULL) != SB_OK)
+        return; /* it stays as it is */
+    if (ndli_topology_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
         (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
  * the needle is stretched until its tip would be outside. */
-static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
     needle->hold_steps = 0;
     needle->blocked = result != SB_OK && inside;
     if (result != SB_OK && !inside)
-        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+        return ndl_remesh_withdraw(remesh, needle->index, done, error);
     ndli_tip_take_heading(needle);
     ndli_tip_make_shallow(needle);
     return SB_OK;
@@ -14444,7 +12314,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
 
 static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, inside;
     sb_vec3 X;
@@ -14452,7 +12322,7 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     sb_result result;
     inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
-        return ndli_tip_draw_back(needle, X, inside, done);
+        return ndli_tip_draw_back(needle, X, inside, done, error);
     X = ndli_tip_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)
@@ -14548,7 +12418,7 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
     const ndl_rod *rod = needle->rod;
     return ndli_dot(ndli_sub(rod->x[rod->node_count - 1], entry), rod->tangent[rod->node_count - 2]);
 }
-static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
+static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
 /* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
  * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
@@ -14608,7 +12478,7 @@ static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
  * the nodes before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
-    const sb_vec3 *x = needle->tissue->mesh.x;
+    const sb_vec3 *x = needle->site->mesh->x;
     int *kept = needle->path, last = -1;
     for (int k = 0; k < count; k++) {
         while (last >= 0) {
@@ -14625,7 +12495,7 @@ static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndl
 
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
@@ -14638,9 +12508,9 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     int old_first = line->first, old_count = line->count, count, first, bad, shallow;
-    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, 0};
     ndli_v3 end = rod->x[rod->node_count - 1];
@@ -14678,7 +12548,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 }
 
 /* ==== src/needle/needle_undo.c ==== */
-/* needle_undo: the state of a tissue, its remesher and its needles at the start of a step, in one block. */
+/* needle_undo: the state of a body, its remesher and its needles at the start of a step, in one block. */
+
 
 #include <string.h>
 
@@ -14694,10 +12565,9 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
            ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
-static size_t ndli_undo_size(const ndl_tissue *tissue)
+static size_t ndli_undo_size(const struct ndli_site *site)
 {
-    const struct ndli_site *site = tissue->site;
-    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_size(tissue)) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body)) +
                  ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
@@ -14706,31 +12576,29 @@ static size_t ndli_undo_size(const ndl_tissue *tissue)
 }
 
 /* The block holds nothing between steps. */
-static int ndli_undo_make_room(ndl_tissue *tissue, size_t needed)
+static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
 {
-    struct ndli_site *site = tissue->site;
     unsigned char *grown;
     if (needed <= site->undo_room)
         return 1;
-    grown = (unsigned char *)sbi_alloc(&tissue->allocator, needed, 1);
+    grown = (unsigned char *)sbi_alloc(&site->allocator, needed, 1);
     if (!grown)
         return 0;
-    sbi_free(&tissue->allocator, site->undo);
+    sbi_free(&site->allocator, site->undo);
     site->undo = grown;
     site->undo_room = needed;
     return 1;
 }
 
-NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more)
+NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
-    const struct ndli_site *site = tissue->site;
-    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_room(tissue)) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
                  ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
                  ndli_undo_needle_size(more, more->rod->capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity);
-    return ndli_undo_make_room(tissue, sum);
+    return ndli_undo_make_room(site, sum);
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -14750,35 +12618,34 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle->line.state, n, back);
 }
 
-NDLI_API int ndli_needle_keep(ndl_tissue *tissue)
+NDLI_API int ndli_needle_keep(struct ndli_site *site)
 {
-    struct ndli_site *site = tissue->site;
-    size_t needed = ndli_undo_size(tissue);
+    size_t needed = ndli_undo_size(site);
     unsigned char *at;
-    if (needed > site->undo_room && !ndli_undo_make_room(tissue, needed + needed / 8))
+    if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
         return 0;
-    at = site->undo + ndli_undo_aligned(ndli_solid_snapshot_size(tissue));
-    if (!ndli_solid_snapshot(tissue, site->undo))
-        return 0;
+    site->undo_body = sbi_body_snapshot_size(site->body);
+    at = site->undo + ndli_undo_aligned(site->undo_body);
+    sbi_body_snapshot(site->body, site->undo);
     ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
-            size_t rod = ndli_undo_aligned(
-                ndli_rod_snapshot_size(site->needles[i]->rod, site->needles[i]->rod->node_count));
-            ndli_rod_snapshot(site->needles[i]->rod, at);
-            at += rod;
-            ndli_undo_copy_needle(site->needles[i], site->needles[i]->rod->node_count, &at, 0);
+            ndl_rod *rod = site->needles[i]->rod;
+            ndli_rod_snapshot(rod, at);
+            at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
+            ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 0);
         }
     return 1;
 }
 
-NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
+NDLI_API void ndli_needle_undo(struct ndli_site *site)
 {
-    struct ndli_site *site = tissue->site;
     unsigned char *at = site->undo;
-    ndli_solid_restore(tissue, at);
-    at += ndli_undo_aligned(ndli_solid_snapshot_size(tissue)); /* of the restored state, as when it was kept */
+    ndli_remesh_set_own(site->remesh, 1);
+    (void)sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    ndli_remesh_set_own(site->remesh, 0);
+    at += ndli_undo_aligned(site->undo_body);
     ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -14790,18 +12657,32 @@ NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
         }
 }
 
+NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
+{
+    int stale = ndli_remesh_is_stale(site->remesh);
+    sb_result result = ndli_remesh_look(site->remesh, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
+        if (site->needles[i]) {
+            site->needles[i]->line.first = site->needles[i]->rod->node_count;
+            site->needles[i]->line.count = 0;
+            site->needles[i]->shallow = 0;
+        }
+    return result;
+}
+
 /* ==== src/needle/needle_step.c ==== */
-/* needle_step: one step of a tissue and its needles. Sleeves are moved and fed, one linear system gives the motion of
+/* needle_step: one step of a body and its needles. Sleeves are moved and fed, one linear system gives the motion of
  * all, the remesher follows the tips, and the rods' nodes follow the remesher. */
+
 
 #include <string.h>
 
-static double ndli_step_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
+static double ndli_step_now(const struct ndli_site *site) { return sbi_body_now(site->body); }
 
 /* ---- a substep ---- */
 
 typedef struct ndli_stepping {
-    ndl_tissue *tissue;
+    struct ndli_site *site;
     ndl_needle *const *needles;
     const ndl_command *commands;
     int count;
@@ -14810,35 +12691,13 @@ typedef struct ndli_stepping {
     sb_error *error;
 } ndli_stepping;
 
-/* The tissue nodes that needles are on leave the tissue's part of the preconditioner during the solve. */
-static void ndli_step_couple_nodes(const ndli_stepping *s)
-{
-    struct ndli_site *site = s->tissue->site;
-    site->coupled_count = 0;
-    for (int k = 0; k < s->count; k++)
-        for (int i = s->lines[k]->first; i <= ndli_line_foremost(s->lines[k]); i++) {
-            int node = s->lines[k]->path[i - s->lines[k]->first];
-            if (s->tissue->role[node] != NDLI_ROW_FREE)
-                continue;
-            ndli_solid_set_role(s->tissue, node, NDLI_ROW_COUPLED);
-            site->coupled[site->coupled_count++] = node;
-        }
-}
-
-static void ndli_step_release_nodes(ndl_tissue *t)
-{
-    for (int i = 0; i < t->site->coupled_count; i++)
-        ndli_solid_set_role(t, t->site->coupled[i], NDLI_ROW_FREE);
-    t->site->coupled_count = 0;
-}
-
 static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
 {
     info->trials = sbi_max_int(info->trials, couple->trials);
     info->consistent = info->consistent && couple->consistent;
-    info->iterations += couple->iterations;
-    info->capped = info->capped || couple->capped;
-    info->residual = sb_max(info->residual, couple->residual);
+    info->iterations += info->body.pcg_iterations;
+    info->capped = info->capped || info->body.capped;
+    info->residual = sb_max(info->residual, info->body.residual);
 }
 
 static int ndli_step_max_trials(const ndli_stepping *s)
@@ -14847,29 +12706,6 @@ static int ndli_step_max_trials(const ndli_stepping *s)
     for (int k = 0; k < s->count; k++)
         most = sbi_max_int(most, s->needles[k]->max_trials);
     return most;
-}
-
-/* The tissue's accelerations and the rods' motion; nothing has moved yet. */
-static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
-{
-    ndl_couple_info couple;
-    double begin, middle;
-    sb_result result;
-    ndli_step_couple_nodes(s);
-    begin = ndli_step_now(s->tissue);
-    s->tissue->led = 1;
-    result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
-    s->tissue->led = 0;
-    middle = ndli_step_now(s->tissue);
-    s->info->seconds_tissue += middle - begin;
-    if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, ndli_step_max_trials(s), &couple, s->error);
-    s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
-    if (result == SB_OK) {
-        ndli_step_note_solve(s->info, &couple);
-        ndli_solid_wear(s->tissue, couple.iterations / couple.trials);
-    }
-    return result;
 }
 
 /* What the sleeve has to exert: the balance of the nodes in it, and the frame's torque. */
@@ -14976,25 +12812,25 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    double begin = ndli_step_now(s->tissue), middle;
+    double begin = ndli_step_now(s->site), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
     result = ndli_needle_follow_tip(needle, &done, s->error);
-    middle = ndli_step_now(s->tissue);
+    middle = ndli_step_now(s->site);
     s->info->seconds_remesh += middle - begin;
     s->info->operations += done.substeps;
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
     result = ndli_step_renew(needle, s->error);
-    s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
+    s->info->seconds_needle += ndli_step_now(s->site) - middle;
     return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
-    double begin = ndli_step_now(s->tissue);
+    double begin = ndli_step_now(s->site);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
@@ -15004,8 +12840,36 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
-    s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
+    s->info->seconds_needle += ndli_step_now(s->site) - begin;
     return SB_OK;
+}
+
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
+ * step's undo takes back. */
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+{
+    struct ndli_site *site = s->site;
+    double begin = ndli_step_now(site), solve;
+    const sbi_guest *guests[1];
+    ndli_couple couple;
+    sb_result result;
+    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    guests[0] = &couple.guest;
+    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    solve = s->info->body.seconds_solve;
+    s->info->seconds_couple += solve;
+    s->info->seconds_body += ndli_step_now(site) - begin - solve;
+    begin = ndli_step_now(site);
+    if (result == SB_OK)
+        result = ndli_couple_check(&couple, &s->info->body.error);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
+    s->info->seconds_needle += ndli_step_now(site) - begin;
+    if (result == SB_OK)
+        ndli_step_note_solve(s->info, &couple.info);
+    else if (s->error)
+        *s->error = s->info->body.error;
+    return result;
 }
 
 static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
@@ -15013,11 +12877,8 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
     sb_result result = ndli_step_prepare(s, dt, left);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
-    for (int k = 0; k < s->count && result == SB_OK; k++)
-        result = ndli_step_move_rod(s->needles[k], dt, s->error);
     if (result == SB_OK)
-        result = ndli_solid_commit(s->tissue, s->error);
-    ndli_step_release_nodes(s->tissue);
+        result = ndli_remesh_look(s->site->remesh, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     return result;
@@ -15034,7 +12895,7 @@ static const double ndli_step_most_substeps = 1000;
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
 {
     const ndl_rod *rod = needle->rod;
-    double edge = needle->tissue->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
+    double edge = needle->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
     double out = ndli_norm(ndli_sub(rod->x[sbi_min_int(needle->line.first, rod->node_count - 1)], needle->outlet));
     double way = 0, turn = 0;
     if (command) {
@@ -15057,19 +12918,18 @@ static int ndli_step_is_command_finite(const ndl_command *c)
            sb_v3_is_finite(c->angular_velocity);
 }
 
-static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
                                  const ndl_command *commands, int *substeps, sb_error *error)
 {
     double most = 0;
-    if (!tissue || !needles || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue, its needles and dt > 0, not %g", (double)dt);
-    if (!tissue->site || count != tissue->site->count)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the tissue has %d", count,
-                        tissue->site ? tissue->site->count : 0);
+    if (!needles || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a body, its needles and dt > 0, not %g", (double)dt);
+    if (!site || count != site->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the body has %d", count, site ? site->count : 0);
     for (int k = 0; k < count; k++) {
         double stride;
-        if (!needles[k] || needles[k]->tissue != tissue)
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this tissue", k);
+        if (!needles[k] || needles[k]->site != site)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this body", k);
         for (int i = 0; i < k; i++)
             if (needles[i] == needles[k])
                 return sbi_fail(error, SB_ERROR_ARGUMENT, "needles %d and %d are the same", i, k);
@@ -15105,11 +12965,11 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     int torn = 0;
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
-        ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
-        if (ndli_needle_renew_nodes(needle) >= 0) {
-            ndli_needle_undo(s->tissue);
+        if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
+            ndli_needle_renew_nodes(needle) >= 0) {
+            ndli_needle_undo(s->site);
             return 0;
         }
         torn++;
@@ -15127,133 +12987,112 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(s, dt / substeps, substeps - i);
     if (result != SB_OK)
-        ndli_needle_undo(s->tissue);
+        ndli_needle_undo(s->site);
     return result;
 }
 
-NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+/* A step that is sound in its arguments. */
+static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
+{
+    double begin = ndli_step_now(s->site);
+    sb_result result;
+    for (int k = 0; k < s->count; k++) {
+        s->lines[k] = &s->needles[k]->line;
+        s->needles[k]->blocked = s->needles[k]->limited = 0;
+    }
+    result = ndli_needle_look(s->site, s->error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_keep(s->site))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(s, dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(s);
+        if (torn > 0)
+            result = ndli_step_run(s, dt, substeps);
+        s->info->torn = result == SB_OK ? torn : 0;
+    }
+    for (int k = 0; k < s->count; k++) {
+        s->needles[k]->base_given = s->needles[k]->base_given && result != SB_OK;
+        ndli_rod_publish(s->needles[k]->rod);
+    }
+    ndli_step_count_states(s);
+    s->info->seconds_total = ndli_step_now(s->site) - begin;
+    return result;
+}
+
+NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
     ndl_step_info own;
     ndli_stepping s;
     sb_result result;
-    double begin;
     int substeps = 1;
     s.info = info ? info : &own;
     memset(s.info, 0, sizeof *s.info);
-    result = ndli_step_check(tissue, needles, count, dt, commands, &substeps, error);
+    s.site = body ? ndli_needle_site(body) : NULL;
+    result = ndli_step_check(s.site, needles, count, dt, commands, &substeps, error);
     if (result != SB_OK)
         return result;
-    s.tissue = tissue;
     s.needles = needles;
     s.commands = commands;
     s.count = count;
     s.error = error;
-    begin = ndli_step_now(tissue);
-    for (int k = 0; k < count; k++) {
-        s.lines[k] = &needles[k]->line;
-        needles[k]->blocked = needles[k]->limited = 0;
-    }
-    if (!ndli_needle_keep(tissue))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(&s, (double)dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(&s, (double)dt, finer * substeps);
-    if (result == SB_ERROR_DIVERGED) {
-        int torn = ndli_step_tear_out(&s);
-        if (torn > 0)
-            result = ndli_step_run(&s, (double)dt, substeps);
-        s.info->torn = result == SB_OK ? torn : 0;
-    }
-    for (int k = 0; k < count; k++) {
-        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
-        ndli_rod_publish(needles[k]->rod);
-    }
-    ndli_step_count_states(&s);
-    s.info->seconds_total = ndli_step_now(tissue) - begin;
+    sbi_body_mute(body);
+    result = ndli_step_make(&s, (double)dt, substeps);
+    sbi_body_unmute(body);
+    ndli_needle_tell_step(s.site, needles, count, dt, commands, result);
     return result;
 }
 
+/* ---- a step of a recording ---- */
+
+static sb_result ndli_replay_step(struct ndli_site *site, const int *ints, size_t int_count, const sb_real *reals,
+                                  size_t real_count, sb_error *error)
+{
+    ndl_needle *needles[NDL_MAX_NEEDLES];
+    ndl_command commands[NDL_MAX_NEEDLES];
+    int count = ints[1];
+    if (count < 0 || count > NDL_MAX_NEEDLES || int_count != 2 + (size_t)count ||
+        real_count != 1 + NDLI_COMMAND_REALS * (size_t)count)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of %d needles that is none", count);
+    for (int k = 0; k < count; k++) {
+        const sb_real *c = reals + 1 + NDLI_COMMAND_REALS * k;
+        if (ints[2 + k] < 0 || ints[2 + k] >= NDL_MAX_NEEDLES)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of needle %d", ints[2 + k]);
+        needles[k] = site->needles[ints[2 + k]];
+        commands[k].insertion = c[0], commands[k].twist = c[1];
+        commands[k].velocity = sb_v3(c[2], c[3], c[4]);
+        commands[k].angular_velocity = sb_v3(c[5], c[6], c[7]);
+    }
+    return ndl_step(site->body, needles, count, reals[0], commands, NULL, error);
+}
+
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    int code = int_count >= 2 ? ints[0] : 0;
+    if (code == NDLI_COMMAND_STEP)
+        return ndli_replay_step(site, ints, int_count, reals, real_count, error);
+    if (code == NDLI_COMMAND_BASE && real_count == 9 && ints[1] >= 0 && ints[1] < NDL_MAX_NEEDLES &&
+        site->needles[ints[1]])
+        return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
+                                    sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
+    if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
+                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
+}
+
 /* ==== src/needle/needle.c ==== */
-/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+/* needle: making and releasing needles. */
 
+
+#include <limits.h>
 #include <string.h>
-
-/* ---- the site ---- */
-
-static double ndli_site_mean_edge(const ndl_tissue *t)
-{
-    double sum = 0;
-    int count = 0;
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] < 0)
-            continue;
-        sum += (double)sb_v3_norm(sb_v3_sub(t->mesh.X[n[0]], t->mesh.X[n[1]]));
-        count++;
-    }
-    return sum / count;
-}
-
-static void ndli_site_free(ndl_tissue *tissue)
-{
-    struct ndli_site *site = tissue->site;
-    ndl_remesh_destroy(site->remesh);
-    sbi_free(&tissue->allocator, site->coupled);
-    sbi_free(&tissue->allocator, site->undo);
-    sbi_free(&tissue->allocator, site);
-    tissue->site = NULL;
-}
-
-static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
-{
-    ndl_remesh_def def = ndl_default_remesh_def();
-    struct ndli_site *site;
-    sb_result result;
-    if (tissue->site)
-        return SB_OK;
-    site = (struct ndli_site *)sbi_alloc_zeroed(&tissue->allocator, 1, sizeof *site);
-    if (!site)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
-    def.tissue = &tissue->mesh;
-    def.max_needles = NDL_MAX_NEEDLES;
-    def.allocator = tissue->allocator;
-    result = ndl_remesh_create(&def, &site->remesh, error);
-    if (result != SB_OK) {
-        sbi_free(&tissue->allocator, site);
-        return result;
-    }
-    site->mean_edge = ndli_site_mean_edge(tissue);
-    tissue->site = site;
-    return SB_OK;
-}
-
-static int ndli_site_free_index(const struct ndli_site *site)
-{
-    int index = 0;
-    while (site->needles[index])
-        index++;
-    return index;
-}
-
-/* Room for the coupled nodes of all needles and one more. */
-static int ndli_site_reserve(ndl_tissue *tissue, int more)
-{
-    struct ndli_site *site = tissue->site;
-    size_t room = (size_t)more;
-    int *grown;
-    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
-        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
-    if (room <= site->coupled_room)
-        return 1;
-    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
-    if (!grown)
-        return 0;
-    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
-    site->coupled = grown;
-    site->coupled_room = room;
-    return 1;
-}
 
 /* ---- definition ---- */
 
@@ -15320,8 +13159,10 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
     sb_result result;
     if (def->cookie != NDLI_NEEDLE_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
-    if (!def->tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles need implicit steps: the body's integrator is explicit");
     if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
         !sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");
@@ -15344,6 +13185,56 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- the site ---- */
+
+/* The remesher's part of the state comes first: its name does, too. */
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result;
+    part.replay = ndli_needle_replay;
+    def.allocator = site->allocator;
+    def.body = site->body;
+    def.max_needles = NDL_MAX_NEEDLES;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK)
+        return result;
+    site->mesh = ndli_remesh_topology(site->remesh);
+    site->mean_edge = ndli_site_mean_edge(site->mesh);
+    result = ndli_site_listen(site, error);
+    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+}
+
+static void ndli_site_end(struct ndli_site *site)
+{
+    ndli_site_leave(site);
+    ndli_site_free(site);
+}
+
+/* The site of a body, made if there is none yet. */
+static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+{
+    const sb_allocator *allocator = sbi_body_allocator(body);
+    struct ndli_site *made = ndli_needle_site(body);
+    sb_result result;
+    if (made) {
+        *site = made;
+        return ndli_remesh_look(made->remesh, error);
+    }
+    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
+    made->body = body;
+    made->allocator = *allocator;
+    result = ndli_site_fill(made, error);
+    if (result != SB_OK)
+        ndli_site_end(made);
+    else
+        *site = made;
+    return result;
 }
 
 /* ---- creation ---- */
@@ -15422,7 +13313,7 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
     arena.base = (unsigned char *)needle->memory;
     arena.used = 0;
     ndli_needle_layout(needle, def, &arena);
-    if (!ndli_line_create(&needle->line, needle->rod, def->tissue, &def->allocator))
+    if (!ndli_line_create(&needle->line, needle->rod, &def->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     needle->line.path = needle->path;
     return SB_OK;
@@ -15431,16 +13322,16 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
 /* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
 static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
     ndl_surface_hit hit;
     for (int i = 1; i < rod->node_count; i++)
-        if (ndl_tissue_mesh_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * (size_t)t] >= 0)
-            return ndl_tissue_mesh_find(mesh, mesh->x, tip, t, NULL) < 0
+            return ndli_topology_find(mesh, mesh->x, tip, t, NULL) < 0
                        ? SB_OK
                        : sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already");
     return SB_OK;
@@ -15462,13 +13353,12 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->line.first = rod->node_count;
 }
 
-static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def, sb_error *error)
 {
-    struct ndli_site *site = def->tissue->site;
     sb_result result;
     int bad;
     needle->allocator = def->allocator;
-    needle->tissue = def->tissue;
+    needle->site = site;
     needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
     result = ndli_needle_check_bevel(def, needle->edge_length, error);
     if (result == SB_OK)
@@ -15486,10 +13376,13 @@ static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def
     ndli_needle_fill(needle, def);
     needle->index = ndli_site_free_index(site);
     result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
-    if (result == SB_OK && !(ndli_site_reserve(def->tissue, def->capacity) &&
-                             ndli_needle_reserve_undo(def->tissue, needle)))
+    if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return result;
+    if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+    return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
+                                                    (int)site->node_room, error)
+                           : result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)
@@ -15505,138 +13398,53 @@ static void ndli_needle_release(ndl_needle *needle)
 
 static void ndli_needle_join(ndl_needle *needle)
 {
-    struct ndli_site *site = needle->tissue->site;
-    site->needles[needle->index] = needle;
-    site->count++;
+    needle->site->needles[needle->index] = needle;
+    needle->site->count++;
 }
 
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error)
 {
+    struct ndli_site *site = NULL;
     ndl_needle *made;
     sb_result result;
     if (!def || !needle)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
-        result = ndli_site_make(def->tissue, error);
+        result = ndli_site_make(def->body, &site, error);
     if (result != SB_OK)
         return result;
-    if (def->tissue->site->count == NDL_MAX_NEEDLES)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the tissue has %d needles already", (int)NDL_MAX_NEEDLES);
+    if (site->count == NDL_MAX_NEEDLES)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body has %d needles already", (int)NDL_MAX_NEEDLES);
     made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    result = made ? ndli_needle_build(made, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
+        ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);
         *needle = made;
         return SB_OK;
     }
     if (made)
         ndli_needle_release(made);
-    if (def->tissue->site->count == 0)
-        ndli_site_free(def->tissue);
+    if (site->count == 0)
+        ndli_site_end(site);
     return result;
 }
 
 NDL_API void ndl_needle_destroy(ndl_needle *needle)
 {
-    ndl_tissue *tissue;
+    struct ndli_site *site;
     if (!needle)
         return;
-    tissue = needle->tissue;
-    ndl_remesh_withdraw(tissue->site->remesh, needle->index, NULL, NULL);
-    tissue->site->needles[needle->index] = NULL;
-    if (--tissue->site->count == 0)
-        ndli_site_free(tissue);
+    site = needle->site;
+    ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
+    sbi_body_mute(site->body);
+    ndli_remesh_let_go(site->remesh, needle->index);
+    sbi_body_unmute(site->body);
+    site->needles[needle->index] = NULL;
+    if (--site->count == 0)
+        ndli_site_end(site);
     ndli_needle_release(needle);
-}
-
-/* ---- readings ---- */
-
-NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
-
-NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
-{
-    ndl_tip_pose pose;
-    ndli_v3 t, ahead;
-    memset(&pose, 0, sizeof pose);
-    if (!needle)
-        return pose;
-    ahead = ndli_needle_heading(needle);
-    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
-    t = ndli_from(pose.frame.t);
-    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
-    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
-    pose.frame.t = ndli_to(ahead);
-    return pose;
-}
-
-NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
-{
-    if (!needle)
-        return;
-    if (force)
-        *force = ndli_to(needle->base_force);
-    if (torque)
-        *torque = ndli_to(needle->base_torque);
-}
-
-NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
-
-static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
-{
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
-}
-
-NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
-}
-
-NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
-{
-    ndl_contact none;
-    if (!needle) {
-        memset(&none, 0, sizeof none);
-        return none;
-    }
-    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
-}
-
-NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return sb_v3(0, 0, 0);
-    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
-}
-
-NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
-{
-    double sum = 0;
-    if (!needle)
-        return 0;
-    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
-        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    return (sb_real)sum;
-}
-
-NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
-NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
-NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
-
-NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
-{
-    if (!needle)
-        return 0;
-    if (needle->line.count == 0)
-        return 0;
-    if (needle->shallow)
-        ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
-                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
-    else
-        *X = needle->tissue->mesh.X[needle->path[needle->line.count - 1]];
-    return 1;
 }
 
 #endif /* NDL_IMPLEMENTATION */

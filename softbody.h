@@ -5020,8 +5020,8 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 /* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
  * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
  * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
- * (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where nodes move in
- * the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it (sb_embedding_follow).
+ * Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
@@ -5374,14 +5374,15 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 /* A saved state holds all that steps and setters change: motion, supports, loads of every kind, constraints, materials,
  * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
  * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
- * numbers they had, those added since go, those removed since return. It does not hold the mesh: a state is loaded into
+ * numbers they had, those added since go, those removed since return. Needles and remeshers of a body (needle.h) are saved
+ * with it. Only of a body with slack it holds the mesh, as changes have left it; otherwise a state is loaded into
  * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
  * preconditioner and single_rotation, in the same precision; with multigrid also from materials whose stiffness jumps
  * at the same places by the same factors, else what follows differs within the tolerance of the solves.
  *
  * The bytes are little-endian everywhere:
  *     "SBSTATE" 0x1A, version (4 bytes), bytes of sb_real (4), bytes in all (8),
- *     parts: number (4) and values; the first tells the body's make,
+ *     parts: number (4) and values; the first tells the body's make; then those of needles, by name,
  *     checksum of all bytes before it (8). */
 
 /* Bytes that sb_body_state_save writes for this body. Loads, constraints, fibres and Prony terms change it, supports
@@ -6059,6 +6060,10 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix that
+ * grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
@@ -39534,6 +39539,39 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     return SB_OK;
 }
 
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error)
+{
+    enum { VECTORS = 4, ALIGNED = 64 }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
+    const sbi_guest *list[1];
+    sbi_pcg_guest_space measured;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_matrix view = *matrix;
+    sbi_guests guests;
+    sbi_guest guest;
+    size_t width = 2 * ((size_t)matrix->block_count / (size_t)sbi_max_int(1, matrix->row_count) + 1); /* of a row */
+    unsigned char *memory;
+    memset(&guest, 0, sizeof guest);
+    guest.unknown_count = unknowns;
+    guest.node_count = nodes;
+    list[0] = &guest;
+    guests.list = list;
+    guests.count = 1;
+    view.row_count = rows;
+    sbi_pcg_lay_out_guests(&guests, &view, &arena, &measured); /* of a guest that takes none */
+    sbi_arena_take(&arena, (size_t)nodes, 3 * VECTORS * sizeof(double) + width * 9 * sizeof(sb_real) + 1);
+    sbi_arena_take(&arena, VECTORS + 2, ALIGNED);
+    if (!arena.overflow && arena.used <= workspace->guest_bytes)
+        return SB_OK;
+    memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc_zeroed(&workspace->allocator, arena.used, 1);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a guest of %d unknowns on %d nodes", unknowns, nodes);
+    sbi_free(&workspace->allocator, workspace->guests);
+    workspace->guests = memory;
+    workspace->guest_bytes = arena.used;
+    return SB_OK;
+}
+
 /* 1 when space was reserved for these. */
 static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests *guests)
 {
@@ -45256,6 +45294,9 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
 SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
+ * slack. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -45263,6 +45304,20 @@ SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where f
 SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+
+/* ---- slots of a mesh that may change ---- */
+typedef struct sbi_body_slots {
+    int end;         /* slots in use and free ones lie below; the next one after the free ones */
+    int room;        /* slots there is memory for; 0: the mesh cannot change */
+    const int *free; /* [free_count] free slots, the last of them the next to be used */
+    int free_count;
+} sbi_body_slots;
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
+/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */
@@ -59884,6 +59939,12 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; 
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
 SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
+{
+    int rows = body->live ? sbi_body_node_slots(body).room : body->matrix.row_count;
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
+}
+
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
@@ -59899,6 +59960,44 @@ SBI_API sb_real sbi_body_young(const sb_body *body)
             count++;
         }
     return (sb_real)(sum / (double)count);
+}
+
+/* ---- slots ---- */
+
+static sbi_body_slots sbi_body_view_slots(const sbi_slots *slots)
+{
+    sbi_body_slots view;
+    view.end = slots->fresh;
+    view.room = slots->capacity;
+    view.free = slots->stack;
+    view.free_count = slots->count;
+    return view;
+}
+
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->nodes) : none;
+}
+
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->cells) : none;
+}
+
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
+}
+
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change))
+{
+    for (int i = 0; body->live && i < body->live->listener_count; i++)
+        if (body->live->listeners[i].calls.follow == follow)
+            return body->live->listeners[i].calls.user;
+    return NULL;
 }
 
 /* ---- shapes ---- */

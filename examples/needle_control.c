@@ -217,56 +217,81 @@ static int choose_aside(trial *t, scene_point *target)
     return scene_complain(&t->s, t->set->mesh, "has no room for targets below the middle of its upper side");
 }
 
-/* The places on the surface round about the target, at its height; returns how many. */
+/* The free nodes of the surface (its nodes are those of the mesh) under a pad at a place. */
+static void find_pad_nodes(const trial *t, const sb_boundary *boundary, sb_vec3 at, pad *p)
+{
+    const unsigned char *held = sb_body_supports(t->s.body);
+    p->count = 0;
+    for (int i = 0; i < boundary->surface.node_count && p->count < MOST_PAD_NODES; i++)
+        if (!held[boundary->nodes[i]] && scene_distance(boundary->surface.nodes[i], at) < pad_radius)
+            p->nodes[p->count++] = boundary->nodes[i];
+}
+
+/* The places on the surface of the tissue at rest round about the target, at its height; returns how many. */
 static int find_pads(trial *t, sb_vec3 target, pad *pads)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(t->s.tissue);
     double reach = scene_distance(t->s.low, t->s.high);
+    sb_boundary boundary;
+    sb_error error;
     int count = 0;
+    if (sb_mesh_boundary(&t->s.mesh, 1, NULL, &boundary, &error) != SB_OK)
+        return scene_complain_of(&t->s, &error);
     for (int k = 0; k < PLACES; k++) {
         double angle = 2 * pi * k / (double)PLACES;
         pad *p = pads + count;
         sb_vec3 inward = sb_v3((sb_real)-cos(angle), (sb_real)-sin(angle), 0), at;
         if (!scene_hit(&t->s, sb_v3_sub(target, sb_v3_scale((sb_real)reach, inward)), inward, &at))
             continue;
-        p->count = 0;
         p->direction = inward;
-        for (int i = 0; i < mesh->node_end && p->count < MOST_PAD_NODES; i++)
-            if ((mesh->node_flags[i] & NDL_NODE_BOUNDARY) && !ndl_tissue_is_held(t->s.tissue, i) &&
-                scene_distance(mesh->x[i], at) < pad_radius)
-                p->nodes[p->count++] = i;
+        find_pad_nodes(t, &boundary, at, p);
         count += p->count > 0;
     }
+    sb_boundary_free(&boundary);
     return count;
 }
 
-static void press(trial *t, const pad *p, sb_vec3 force)
+/* The force on the pad, and no other. */
+static int press(trial *t, const pad *p, sb_vec3 force)
 {
-    for (int k = 0; k < p->count; k++)
-        ndl_tissue_set_force(t->s.tissue, p->nodes[k], sb_v3_scale(1 / (sb_real)p->count, force));
+    sb_vec3 part = sb_v3_scale(1 / (sb_real)p->count, force);
+    sb_error error;
+    sb_body_clear_loads(t->s.body);
+    return sb_body_apply_forces(t->s.body, p->nodes, p->count, &part, 1, &error) == SB_OK ||
+           scene_complain(&t->s, "pushing", error.message);
+}
+
+/* The force on a point of the tissue, and no other. */
+static int press_point(trial *t, const scene_point *target, sb_vec3 force)
+{
+    scene_point point = *target;
+    double weights[4];
+    sb_vec3 parts[4];
+    sb_error error;
+    scene_locate(&t->s, &point, weights);
+    for (int c = 0; c < 4; c++)
+        parts[c] = sb_v3_scale((sb_real)weights[c], force);
+    sb_body_clear_loads(t->s.body);
+    return sb_body_apply_forces(t->s.body, sb_body_cell_nodes(t->s.body, point.cell), 4, parts, 0, &error) == SB_OK ||
+           scene_complain(&t->s, "the force on the target", error.message);
 }
 
 /* How the target follows each pad, from the model of the tissue. Compliance is symmetric: with a force on the target
  * the pads tell in three solutions what else would take three for each. */
 static int measure_compliances(trial *t, const scene_point *target, const pad *pads, int count, sb_mat3 *compliances)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(t->s.tissue);
     double force = 1e-3 * t->set->young * pad_radius * pad_radius;
-    sb_real weights[4];
-    int tet = ndl_tissue_mesh_find(mesh, mesh->X, target->X, target->tet, weights), nodes[4];
-    memcpy(nodes, mesh->tets + 4 * (size_t)tet, sizeof nodes);
     for (int axis = 0; axis < 3; axis++) {
         sb_vec3 f = sb_v3((sb_real)(axis == 0 ? force : 0), (sb_real)(axis == 1 ? force : 0),
                           (sb_real)(axis == 2 ? force : 0));
-        for (int c = 0; c < 4; c++)
-            ndl_tissue_set_force(t->s.tissue, nodes[c], sb_v3_scale(weights[c], f));
+        if (!press_point(t, target, f))
+            return 0;
         for (int i = 0; i < 15; i++) /* to rest */
             if (!scene_step(&t->s, t->set->dt, NULL, NULL))
                 return 0;
         for (int k = 0; k < count; k++) {
             sb_vec3 mean = sb_v3(0, 0, 0);
             for (int n = 0; n < pads[k].count; n++)
-                mean = sb_v3_add(mean, sb_v3_sub(mesh->x[pads[k].nodes[n]], mesh->X[pads[k].nodes[n]]));
+                mean = sb_v3_add(mean, sb_body_displacements(t->s.body)[pads[k].nodes[n]]);
             mean = sb_v3_scale((sb_real)(1 / (force * pads[k].count)), mean);
             compliances[k].m[axis][0] = mean.x;
             compliances[k].m[axis][1] = mean.y;
@@ -299,8 +324,7 @@ static int push_and_insert(trial *t, scene_point *target, const pad *p, ndl_push
         command.insertion = (sb_real)fmin(speed, left / set->dt);
         if (ndl_push_update(push, point, (sb_real)set->dt, &force) != SB_OK)
             return scene_complain(&t->s, "pushing", "the target is lost");
-        press(t, p, force);
-        if (!scene_step(&t->s, set->dt, &command, NULL))
+        if (!press(t, p, force) || !scene_step(&t->s, set->dt, &command, NULL))
             return 0;
     }
     return 1;

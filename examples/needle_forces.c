@@ -37,7 +37,7 @@ typedef struct scene {
     const ndl_membrane *membranes;
     int membrane_count;
     ndl_rod_preset preset;
-    ndl_tissue *tissue;
+    sb_body *gel;
     ndl_needle *needle;
 } scene;
 
@@ -55,8 +55,7 @@ static int is_side(sb_vec3 x)
 
 static sb_result make_gel(const settings *s, scene *c, sb_error *error)
 {
-    ndl_tissue_material gel[2] = {{s->young, 0.45, 1000}, {s->young, 0.45, 1000}};
-    ndl_tissue_def def = ndl_default_tissue_def();
+    sb_body_def def = sb_default_body_def();
     sb_mesh mesh;
     sb_result result = sb_mesh_beam(SB_TET4, CELLS, CELLS, CELLS + 1, sb_v3(size, size, size), NULL, &mesh, error);
     if (result != SB_OK)
@@ -70,13 +69,17 @@ static sb_result make_gel(const settings *s, scene *c, sb_error *error)
         mesh.regions[e] = z < size / 2;
     }
     def.mesh = &mesh;
-    def.materials = gel;
-    def.material_count = 2;
+    def.material = sb_material_corotated(s->young, 0.45, 1000);
+    def.integrator = SB_GENERALISED_ALPHA; /* what dt cannot resolve is damped away: the hand feels no ringing */
+    def.spectral_radius = 0;
+    def.max_newton = 1;
+    def.damping_stiffness = 0.005;
     def.tolerance = 1e-5;
-    result = ndl_tissue_create(&def, &c->tissue, error);
+    def.slack = 0.2; /* the mesh follows the needle */
+    result = sb_body_create(&def, &c->gel, error);
     for (int i = 0; i < mesh.node_count && result == SB_OK; i++)
         if (is_side(mesh.nodes[i]))
-            result = ndl_tissue_fix(c->tissue, i);
+            result = sb_body_hold(c->gel, &i, 1, SB_XYZ, error);
     sb_mesh_free(&mesh);
     return result;
 }
@@ -89,7 +92,7 @@ static int make_scene(const settings *s, scene *c)
     if (result != SB_OK)
         return complain("gel", &error);
     ndl_rod_section_preset(c->preset, &def.section);
-    def.tissue = c->tissue;
+    def.body = c->gel;
     def.base = sb_v3(0.53 * size, 0.48 * size, size + 0.051);
     def.direction = sb_v3(0, 0, -1);
     def.frictions = c->frictions;
@@ -103,7 +106,7 @@ static int make_scene(const settings *s, scene *c)
 static void free_scene(scene *c)
 {
     ndl_needle_destroy(c->needle);
-    ndl_tissue_destroy(c->tissue);
+    sb_body_destroy(c->gel);
 }
 
 static int step(scene *c, double insertion, sb_vec3 velocity)
@@ -113,7 +116,7 @@ static int step(scene *c, double insertion, sb_vec3 velocity)
     memset(&command, 0, sizeof command);
     command.insertion = insertion;
     command.velocity = velocity;
-    if (ndl_step(c->tissue, &c->needle, 1, dt, &command, NULL, &error) != SB_OK)
+    if (ndl_step(c->gel, &c->needle, 1, dt, &command, NULL, &error) != SB_OK)
         return complain("step", &error);
     return 0;
 }
@@ -129,9 +132,8 @@ static double push_of(const scene *c)
 /* How far the gel is displaced where the needle enters it (m). */
 static sb_vec3 displacement_at_entry(const scene *c)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(c->tissue);
-    int node = ndl_needle_tissue_node(c->needle, ndl_needle_entry(c->needle));
-    return node < 0 ? sb_v3(0, 0, 0) : sb_v3_sub(mesh->x[node], mesh->X[node]);
+    int node = ndl_needle_body_node(c->needle, ndl_needle_entry(c->needle));
+    return node < 0 ? sb_v3(0, 0, 0) : sb_body_displacements(c->gel)[node];
 }
 
 /* ---- numbers and charts ---------------------------------------------------------------------------------------- */

@@ -275,7 +275,7 @@ static int run_bend(phantom *p, int bend, FILE *table)
     out = -(depth + outlet_height);
     if (!move(p, r, table, out, 0, "goes out") || !move(p, r, table, 0, 0, "is out"))
         return 0;
-    r->restored = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(p->s.tissue));
+    r->restored = ndl_remesh_is_original(ndl_needle_remesh(p->s.needle));
     p->made[bend] = 1;
     return 1;
 }

@@ -47,12 +47,14 @@ typedef struct work {
     int consistent, blocked;
     double worst_quality;
     sb_output csv; /* csv.file is NULL: none is open */
-    /* compact copy of the tissue for files and pictures */
-    int *number;            /* of each node slot, or -1 */
-    sb_vec3 *points, *displacement;
-    int *tets, *regions, room;
-    sb_real *quality;
 } work;
+
+/* The tissue as it is now, for files and pictures. */
+typedef struct tissue_copy {
+    sb_mesh mesh;          /* deformed */
+    sb_vec3 *displacement; /* [mesh.node_count] m */
+    sb_real *quality;      /* [mesh.element_count] of the tets in the material, as ndl_remesh_quality has it */
+} tissue_copy;
 
 /* ---- messages -------------------------------------------------------------------------------------------------- */
 
@@ -106,7 +108,7 @@ static int make_mesh(work *w)
 
 static int make_scene(work *w)
 {
-    ndl_tissue_def def = ndl_default_tissue_def();
+    sb_body_def def = phantom_default_body_def();
     sb_error error;
     def.clock = seconds_now;
 #if defined(SB_USE_OPENMP)
@@ -166,72 +168,79 @@ static ndl_command command_at(work *w, double time)
 
 /* ---- files ----------------------------------------------------------------------------------------------------- */
 
-/* Room for the tissue as it is now, without the slots that are not in use. */
-static int reserve_copy(work *w)
+static void free_copy(tissue_copy *copy)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->body.tissue);
-    size_t nodes = (size_t)mesh->node_capacity, tets = (size_t)mesh->tet_capacity;
-    if (w->room >= mesh->tet_capacity)
-        return 1;
-    free(w->number), free(w->points), free(w->displacement), free(w->tets), free(w->regions), free(w->quality);
-    w->number = (int *)malloc(nodes * sizeof *w->number);
-    w->points = (sb_vec3 *)malloc(nodes * sizeof *w->points);
-    w->displacement = (sb_vec3 *)malloc(nodes * sizeof *w->displacement);
-    w->tets = (int *)malloc(tets * 4 * sizeof *w->tets);
-    w->regions = (int *)malloc(tets * sizeof *w->regions);
-    w->quality = (sb_real *)malloc(tets * sizeof *w->quality);
-    w->room = mesh->tet_capacity;
-    return w->number && w->points && w->displacement && w->tets && w->regions && w->quality;
+    sb_mesh_free(&copy->mesh);
+    free(copy->displacement);
+    free(copy->quality);
+    memset(copy, 0, sizeof *copy);
 }
 
-/* Copies what is in use; of the tets only those without a node before the plane y = `before`. 0: no memory. */
-static int copy_tissue(work *w, sb_real before, sb_mesh *copy)
+/* Moves the copy's nodes to where they are; number: of each node of the body in the copy, or -1. */
+static void deform_copy(const sb_body *body, const int *number, tissue_copy *copy)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(w->body.tissue);
-    int nodes = 0, tets = 0;
-    if (!reserve_copy(w))
-        return 0;
-    for (int i = 0; i < mesh->node_end; i++)
-        w->number[i] = -1;
-    for (int t = 0; t < mesh->tet_end; t++) {
-        const int *n = mesh->tets + 4 * (size_t)t;
-        if (n[0] < 0 || mesh->x[n[0]].y < before || mesh->x[n[1]].y < before || mesh->x[n[2]].y < before ||
-            mesh->x[n[3]].y < before)
-            continue;
-        for (int c = 0; c < 4; c++) {
-            if (w->number[n[c]] < 0) {
-                w->points[nodes] = mesh->x[n[c]];
-                w->displacement[nodes] = sb_v3_sub(mesh->x[n[c]], mesh->X[n[c]]);
-                w->number[n[c]] = nodes++;
-            }
-            w->tets[4 * tets + c] = w->number[n[c]];
+    for (int i = 0; i < sb_body_node_count(body); i++)
+        if (number[i] >= 0) {
+            copy->displacement[number[i]] = sb_body_displacements(body)[i];
+            copy->mesh.nodes[number[i]] = sb_body_positions(body)[i];
         }
-        w->regions[tets] = mesh->regions[t];
-        w->quality[tets++] = mesh->qualities[t];
-    }
+}
+
+/* 0: no memory; then nothing is to be released. */
+static int copy_tissue(const work *w, tissue_copy *copy)
+{
+    const sb_body *body = w->body.tissue;
+    int *number = (int *)malloc((size_t)sb_body_node_count(body) * sizeof *number), good;
     memset(copy, 0, sizeof *copy);
-    copy->element_type = SB_TET4;
-    copy->nodes = w->points;
-    copy->node_count = nodes;
-    copy->elements = w->tets;
-    copy->element_count = tets;
-    copy->regions = w->regions;
-    return 1;
+    good = number && sb_body_get_mesh(body, NULL, &copy->mesh, number, NULL, NULL) == SB_OK;
+    if (good) {
+        copy->displacement = (sb_vec3 *)malloc((size_t)copy->mesh.node_count * sizeof *copy->displacement);
+        copy->quality = (sb_real *)malloc((size_t)copy->mesh.element_count * sizeof *copy->quality);
+        good = copy->displacement && copy->quality;
+    }
+    if (good) { /* the mean ratio is the needles' quality to the power of 2/3 */
+        for (int e = 0; e < copy->mesh.element_count; e++)
+            copy->quality[e] = REAL(pow(fmax(0, (double)sb_mesh_element_quality(&copy->mesh, e)), 1.5));
+        deform_copy(body, number, copy);
+    } else {
+        free_copy(copy);
+    }
+    free(number);
+    return good;
+}
+
+/* Removes the tets that have a node before the plane y = `front`; their nodes stay. */
+static void cut_copy(tissue_copy *copy, sb_real front)
+{
+    sb_mesh *mesh = &copy->mesh;
+    int kept = 0;
+    for (int e = 0; e < mesh->element_count; e++) {
+        const int *n = mesh->elements + 4 * (size_t)e;
+        if (mesh->nodes[n[0]].y < front || mesh->nodes[n[1]].y < front || mesh->nodes[n[2]].y < front ||
+            mesh->nodes[n[3]].y < front)
+            continue;
+        memmove(mesh->elements + 4 * (size_t)kept, n, 4 * sizeof *n);
+        mesh->regions[kept++] = mesh->regions[e];
+    }
+    mesh->element_count = kept;
 }
 
 static int write_tissue(work *w, int frame)
 {
     char path[PATH_SIZE], ending[32];
     sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL}, {"quality", SB_FIELD_ELEMENTS, 1, NULL}};
-    sb_mesh copy;
+    tissue_copy copy;
     sb_error error;
-    if (!copy_tissue(w, -SB_REAL_MAX, &copy))
+    sb_result result;
+    if (!copy_tissue(w, &copy))
         return complain_memory();
-    fields[0].values = &w->displacement[0].x;
-    fields[1].values = w->quality;
+    fields[0].values = &copy.displacement[0].x;
+    fields[1].values = copy.quality;
     snprintf(ending, sizeof ending, "_%04d.vtk", frame);
     name_file(w, ending, path);
-    return sb_mesh_save_vtk_binary(path, &copy, fields, 2, &error) == SB_OK ? 0 : complain(&error);
+    result = sb_mesh_save_vtk_binary(path, &copy.mesh, fields, 2, &error);
+    free_copy(&copy);
+    return result == SB_OK ? 0 : complain(&error);
 }
 
 /* The needle as a line, with what the tissue does to its nodes: 0 free, 1 sticks, 2 slips inwards, 3 outwards. */
@@ -327,18 +336,18 @@ static void draw_needle(const work *w, picture *p)
 
 /* The boundary of the tets of the prostate, in one colour, or of all others, coloured by displacement (mm). 0: no
  * memory. */
-static int draw_part(const work *w, picture *p, const sb_mesh *copy, int prostate, double limit)
+static int draw_part(const work *w, picture *p, const tissue_copy *copy, int prostate, double limit)
 {
-    sb_mesh part = *copy;
+    sb_mesh part = copy->mesh;
     sb_boundary boundary;
     sb_real *values = NULL;
-    int *kept = (int *)malloc(4 * (size_t)copy->element_count * sizeof *kept), first = p->count, drawn = 0;
+    int *kept = (int *)malloc(4 * (size_t)(part.element_count + 1) * sizeof *kept), first = p->count, drawn = 0;
     part.regions = NULL;
     part.elements = kept;
     part.element_count = 0;
-    for (int e = 0; kept && e < copy->element_count; e++)
-        if ((copy->regions[e] == w->body.prostate) == prostate)
-            memcpy(kept + 4 * (size_t)part.element_count++, copy->elements + 4 * (size_t)e, 4 * sizeof *kept);
+    for (int e = 0; kept && e < copy->mesh.element_count; e++)
+        if ((copy->mesh.regions[e] == w->body.prostate) == prostate)
+            memcpy(kept + 4 * (size_t)part.element_count++, copy->mesh.elements + 4 * (size_t)e, 4 * sizeof *kept);
     if (kept && part.element_count == 0) {
         free(kept);
         return 1;
@@ -346,7 +355,7 @@ static int draw_part(const work *w, picture *p, const sb_mesh *copy, int prostat
     if (kept && sb_mesh_boundary(&part, 1, NULL, &boundary, NULL) == SB_OK) {
         values = (sb_real *)malloc((size_t)boundary.surface.node_count * sizeof *values);
         for (int i = 0; values && i < boundary.surface.node_count; i++)
-            values[i] = 1000 * sb_v3_norm(w->displacement[boundary.nodes[i]]);
+            values[i] = 1000 * sb_v3_norm(copy->displacement[boundary.nodes[i]]);
         if (values)
             picture_add_surface(p, &boundary.surface, values, 0, limit);
         for (int i = first; i < p->count && prostate; i++) {
@@ -366,18 +375,20 @@ static int draw_picture(work *w)
 {
     const int width = 1280, height = 960;
     char path[PATH_SIZE], details[160];
-    sb_mesh copy;
+    tissue_copy copy;
     picture p;
     sb_real most = 0, front = w->body.target.y - REAL(0.02) * (w->body.high.y - w->body.low.y);
     double limit;
     int good;
-    if (!copy_tissue(w, front, &copy))
+    if (!copy_tissue(w, &copy))
         return complain_memory();
-    for (int i = 0; i < copy.node_count; i++)
-        most = sb_max(most, 1000 * sb_v3_norm(w->displacement[i]));
+    cut_copy(&copy, front);
+    for (int k = 0; k < 4 * copy.mesh.element_count; k++)
+        most = sb_max(most, 1000 * sb_v3_norm(copy.displacement[copy.mesh.elements[k]]));
     limit = most > 0 ? ceil((double)most) : 1;
     picture_begin(&p, width, height);
     good = draw_part(w, &p, &copy, 0, limit) && draw_part(w, &p, &copy, 1, limit);
+    free_copy(&copy);
     draw_needle(w, &p);
     picture_render(&p, 14, 24);
     picture_colour_bar(&p, "displacement", "mm", 0, limit, (double)most);
@@ -401,7 +412,7 @@ static void note_step(work *w, const ndl_step_info *info)
     sb_real quality, smallest, largest;
     double values[CURVES];
     ndl_needle_base_wrench(needle, &force, &torque);
-    ndl_tissue_mesh_quality(ndl_tissue_get_mesh(w->body.tissue), &quality, &smallest, &largest);
+    ndl_remesh_quality(ndl_needle_remesh(needle), &quality, &smallest, &largest);
     values[TIME] = (w->done + 1) * STEP;
     values[TIP_X] = 1e3 * (double)tip.x;
     values[TIP_Y] = 1e3 * (double)(tip.y - w->body.target.y);
@@ -485,7 +496,7 @@ static int print_summary(work *w)
                 w->blocked);
     printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done,
            ms[w->done / 2], ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
-           ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(w->body.tissue)) ? "restored" : "changed");
+           ndl_remesh_is_original(ndl_needle_remesh(w->body.needle)) ? "restored" : "changed");
     return 0;
 }
 
@@ -495,7 +506,6 @@ static void release(work *w)
     phantom_free(&w->body);
     for (int c = 0; c < CURVES; c++)
         free(w->curves[c]);
-    free(w->number), free(w->points), free(w->displacement), free(w->tets), free(w->regions), free(w->quality);
 }
 
 static int run(const settings *set)

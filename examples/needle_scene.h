@@ -37,16 +37,17 @@ typedef struct scene {
     scene_def def;
     sb_mesh mesh;
     sb_vec3 low, high; /* its box (m) */
+    sb_surface *skin;  /* of the mesh at rest */
     int *held, held_count;
-    ndl_tissue *tissue;
+    sb_body *body;
     ndl_needle *needle;
     double time; /* s since the start */
 } scene;
 
-/* A point of the tissue: where it is in the material, and a tet to begin looking for it. */
+/* A point of the tissue: where it is in the material, and the cell that held it last. */
 typedef struct scene_point {
     sb_vec3 X;
-    int tet;
+    int cell;
 } scene_point;
 
 /* Places that were passed one after another (m). */
@@ -87,7 +88,19 @@ static inline int scene_complain_of(const scene *s, const sb_error *error)
     return scene_complain(s, place[0] ? place : NULL, error->message);
 }
 
-/* Reads or makes the mesh. 0, with a message, when that fails; then nothing is to be released. */
+/* The surface of the mesh, to aim at. */
+static inline sb_result scene_make_skin(scene *s, sb_error *error)
+{
+    sb_boundary boundary;
+    sb_result result = sb_mesh_boundary(&s->mesh, 1, NULL, &boundary, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_surface_create(&boundary.surface, NULL, &s->skin, error);
+    sb_boundary_free(&boundary);
+    return result;
+}
+
+/* Reads or makes the mesh and its skin. 0, with a message, when that fails; scene_end releases what is there. */
 static inline int scene_load(scene *s, const scene_def *def)
 {
     sb_error error;
@@ -98,21 +111,19 @@ static inline int scene_load(scene *s, const scene_def *def)
         sb_load_options options = sb_default_load_options();
         options.scale = (sb_real)def->scale;
         result = sb_mesh_load(&s->mesh, def->mesh, &options, &error);
-        if (result == SB_OK && s->mesh.element_type != SB_TET4) {
-            sb_mesh_free(&s->mesh);
+        if (result == SB_OK && s->mesh.element_type != SB_TET4)
             return scene_complain(s, def->mesh, "needles need a volume mesh of tet4 elements");
-        }
     } else {
         sb_vec3 size = sb_v3((sb_real)def->size[0], (sb_real)def->size[1], (sb_real)def->size[2]);
         result = sb_mesh_beam(SB_TET4, def->cells[0], def->cells[1], def->cells[2], size, NULL, &s->mesh, &error);
     }
+    if (result == SB_OK)
+        result = scene_make_skin(s, &error);
     if (result != SB_OK)
         return scene_complain_of(s, &error);
     s->held = (int *)malloc(sizeof(int) * (size_t)s->mesh.node_count);
-    if (!s->held) {
-        sb_mesh_free(&s->mesh);
+    if (!s->held)
         return scene_complain(s, NULL, "memory is short");
-    }
     sb_mesh_bounds(&s->mesh, &s->low, &s->high);
     return 1;
 }
@@ -120,7 +131,8 @@ static inline int scene_load(scene *s, const scene_def *def)
 static inline void scene_end(scene *s)
 {
     ndl_needle_destroy(s->needle);
-    ndl_tissue_destroy(s->tissue);
+    sb_body_destroy(s->body);
+    sb_surface_destroy(s->skin);
     sb_mesh_free(&s->mesh);
     free(s->held);
     memset(s, 0, sizeof *s);
@@ -152,39 +164,47 @@ static inline void scene_hold(scene *s, int axis, int upper)
     }
 }
 
+/* How the tissue is stepped: one linear system a step, in which what dt cannot resolve is damped away, so that the force
+ * on the needle's base does not ring. */
+static inline sb_body_def scene_body_def(void)
+{
+    sb_body_def def = sb_default_body_def();
+    def.integrator = SB_GENERALISED_ALPHA;
+    def.spectral_radius = 0;
+    def.max_newton = 1;
+    def.tolerance = (sb_real)1e-4;
+    def.slack = (sb_real)0.2; /* the mesh follows the needle */
+    return def;
+}
+
 /* Makes the tissue anew, at rest and without a needle. */
 static inline int scene_renew(scene *s)
 {
-    ndl_tissue_def def = ndl_default_tissue_def();
-    ndl_tissue_material material;
+    sb_body_def def = scene_body_def();
     sb_error error;
+    sb_result result;
     ndl_needle_destroy(s->needle);
-    ndl_tissue_destroy(s->tissue);
+    sb_body_destroy(s->body);
     s->needle = NULL;
-    s->tissue = NULL;
+    s->body = NULL;
     s->time = 0;
-    material.young = (sb_real)s->def.young;
-    material.poisson = (sb_real)s->def.poisson;
-    material.density = (sb_real)s->def.density;
     def.mesh = &s->mesh;
-    def.materials = &material;
-    def.material_count = 1;
-    def.fixed_nodes = s->held;
-    def.fixed_count = s->held_count;
+    def.material = sb_material_corotated((sb_real)s->def.young, (sb_real)s->def.poisson, (sb_real)s->def.density);
     def.damping_stiffness = (sb_real)s->def.damping;
-    if (ndl_tissue_create(&def, &s->tissue, &error) == SB_OK)
-        return 1;
-    return scene_complain(s, s->def.mesh, error.message);
+    result = sb_body_create(&def, &s->body, &error);
+    if (result == SB_OK)
+        result = sb_body_hold(s->body, s->held, s->held_count, SB_XYZ, &error);
+    return result == SB_OK ? 1 : scene_complain(s, s->def.mesh, error.message);
 }
 
-/* Makes the tissue anew and puts a needle before it; def->tissue is set here. */
+/* Makes the tissue anew and puts a needle before it; def->body is set here. */
 static inline int scene_start(scene *s, const ndl_needle_def *def)
 {
     ndl_needle_def needle = *def;
     sb_error error;
     if (!scene_renew(s))
         return 0;
-    needle.tissue = s->tissue;
+    needle.body = s->body;
     if (ndl_needle_create(&needle, &s->needle, &error) == SB_OK)
         return 1;
     return scene_complain(s, "the needle", error.message);
@@ -193,10 +213,16 @@ static inline int scene_start(scene *s, const ndl_needle_def *def)
 /* One step of all. 0, with a message, when it fails; all is then as before it. */
 static inline int scene_step(scene *s, double dt, const ndl_command *command, ndl_step_info *info)
 {
+    sb_step_info alone;
     sb_error error;
     char place[64];
-    sb_result result = s->needle ? ndl_step(s->tissue, &s->needle, 1, (sb_real)dt, command, info, &error)
-                                 : ndl_tissue_step(s->tissue, (sb_real)dt, NULL, &error);
+    sb_result result;
+    if (s->needle) {
+        result = ndl_step(s->body, &s->needle, 1, (sb_real)dt, command, info, &error);
+    } else {
+        result = sb_body_step(s->body, (sb_real)dt, &alone);
+        error = alone.error;
+    }
     s->time += dt;
     if (result == SB_OK)
         return 1;
@@ -206,36 +232,68 @@ static inline int scene_step(scene *s, double dt, const ndl_command *command, nd
 
 /* ---- points of the tissue ---- */
 
+/* Shares of a cell's nodes in the material point X; returns the least, negative when the point is outside. */
+static inline double scene_weights(const scene *s, int cell, sb_vec3 X, double weights[4])
+{
+    const sb_vec3 *rest = sb_body_rest_positions(s->body);
+    const int *n = sb_body_cell_nodes(s->body, cell);
+    sb_vec3 edge[4], p;
+    double whole, least = 1;
+    for (int c = 1; c < 4; c++)
+        edge[c] = sb_v3_sub(rest[n[c]], rest[n[0]]);
+    p = sb_v3_sub(X, rest[n[0]]);
+    whole = (double)sb_v3_dot(edge[1], sb_v3_cross(edge[2], edge[3]));
+    weights[1] = (double)sb_v3_dot(p, sb_v3_cross(edge[2], edge[3])) / whole;
+    weights[2] = (double)sb_v3_dot(p, sb_v3_cross(edge[3], edge[1])) / whole;
+    weights[3] = (double)sb_v3_dot(p, sb_v3_cross(edge[1], edge[2])) / whole;
+    weights[0] = 1 - weights[1] - weights[2] - weights[3];
+    for (int c = 0; c < 4; c++)
+        least = fmin(least, weights[c]);
+    return least;
+}
+
+/* Looks for the point's cell: the one it was in, or the first that holds it, or that which it is least outside of.
+ * weights: [4] of the cell's nodes. Returns the least of them. */
+static inline double scene_locate(const scene *s, scene_point *point, double weights[4])
+{
+    double best = -HUGE_VAL, tried[4];
+    int cells = sb_body_element_count(s->body), found = -1;
+    if (point->cell >= 0 && sb_body_cell_in_use(s->body, point->cell)) {
+        found = point->cell;
+        best = scene_weights(s, found, point->X, weights);
+    }
+    for (int e = 0; e < cells && best < 0; e++) {
+        double least = sb_body_cell_in_use(s->body, e) ? scene_weights(s, e, point->X, tried) : -HUGE_VAL;
+        if (least > best) {
+            best = least;
+            found = e;
+            memcpy(weights, tried, sizeof tried);
+        }
+    }
+    point->cell = found;
+    return best;
+}
+
 /* The point at X (m) of the tissue at rest; 0 when there is no tissue. */
 static inline int scene_find(const scene *s, sb_vec3 X, scene_point *point)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
+    double weights[4];
     point->X = X;
-    for (int t = 0; t < mesh->tet_end; t++) { /* the first walk that does not end at the surface */
-        if (mesh->tets[4 * (size_t)t] < 0)
-            continue;
-        point->tet = ndl_tissue_mesh_find(mesh, mesh->X, X, t, NULL);
-        if (point->tet >= 0)
-            return 1;
-        t += mesh->tet_end / 8; /* at most eight walks: the surface may stand between some and the point */
-    }
-    return 0;
+    point->cell = -1;
+    return scene_locate(s, point, weights) > -1e-9;
 }
 
-/* Where a point is now (m): barycentric in the tet it is in, which changes as the mesh does. */
+/* Where a point is now (m): barycentric in the cell it is in, which changes as the mesh does. */
 static inline sb_vec3 scene_where(const scene *s, scene_point *point)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
-    sb_real weights[4];
+    const sb_vec3 *now = sb_body_positions(s->body);
+    const int *n;
+    double weights[4];
     sb_vec3 x = sb_v3(0, 0, 0);
-    int tet = ndl_tissue_mesh_find(mesh, mesh->X, point->X, point->tet, weights);
-    if (tet < 0 && !scene_find(s, point->X, point))
-        return point->X; /* only for a point that was never in the tissue */
-    if (tet < 0)
-        tet = ndl_tissue_mesh_find(mesh, mesh->X, point->X, point->tet, weights);
-    point->tet = tet;
+    scene_locate(s, point, weights);
+    n = sb_body_cell_nodes(s->body, point->cell);
     for (int c = 0; c < 4; c++)
-        x = sb_v3_add(x, sb_v3_scale(weights[c], mesh->x[mesh->tets[4 * (size_t)tet + (size_t)c]]));
+        x = sb_v3_madd(x, (sb_real)weights[c], now[n[c]]);
     return x;
 }
 
@@ -243,16 +301,13 @@ static inline double scene_distance(sb_vec3 a, sb_vec3 b) { return (double)sb_v3
 
 /* ---- the needle ---- */
 
-/* Where a straight line from `from` (m, outside) first meets the tissue; 0 when it does not. The tissue must be there
- * (scene_renew). */
+/* Where a straight line from `from` (m, outside) first meets the tissue at rest; 0 when it does not. */
 static inline int scene_hit(const scene *s, sb_vec3 from, sb_vec3 direction, sb_vec3 *at)
 {
-    sb_real reach = 2 * sb_v3_norm(sb_v3_sub(s->high, s->low)) + sb_v3_norm(sb_v3_sub(from, s->low));
-    ndl_surface_hit hit;
-    sb_vec3 to = sb_v3_add(from, sb_v3_scale(reach / sb_v3_norm(direction), direction));
-    if (!ndl_tissue_mesh_hit(ndl_tissue_get_mesh((ndl_tissue *)s->tissue), from, to, &hit))
+    sb_surface_hit hit;
+    if (!sb_surface_ray(s->skin, from, direction, SB_REAL_MAX, &hit))
         return 0;
-    *at = sb_v3_add(from, sb_v3_scale(hit.along, sb_v3_sub(to, from)));
+    *at = hit.point;
     return 1;
 }
 
@@ -402,89 +457,112 @@ static inline double scene_median(double *values, int count)
     return count ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : 0;
 }
 
-/* ---- files ---- */
+/* ---- the tissue as a mesh ---- */
+
+/* The tissue as it is now, without what is not in use. */
+typedef struct scene_copy {
+    sb_mesh mesh;    /* at rest */
+    sb_vec3 *places; /* [mesh.node_count] where its nodes are (m) */
+    sb_vec3 *moved;  /* [mesh.node_count] their displacements (m) */
+} scene_copy;
+
+static inline void scene_free_copy(scene_copy *copy)
+{
+    sb_mesh_free(&copy->mesh);
+    free(copy->places);
+    free(copy->moved);
+    memset(copy, 0, sizeof *copy);
+}
+
+/* 0, with a message, when memory is short; then nothing is to be released. */
+static inline int scene_make_copy(const scene *s, scene_copy *copy)
+{
+    size_t slots = (size_t)sb_body_node_count(s->body);
+    int *number = (int *)malloc(sizeof(int) * slots);
+    memset(copy, 0, sizeof *copy);
+    copy->places = (sb_vec3 *)malloc(sizeof(sb_vec3) * slots);
+    copy->moved = (sb_vec3 *)malloc(sizeof(sb_vec3) * slots);
+    if (!number || !copy->places || !copy->moved ||
+        sb_body_get_mesh(s->body, NULL, &copy->mesh, number, NULL, NULL) != SB_OK) {
+        free(number);
+        scene_free_copy(copy);
+        return scene_complain(s, NULL, "memory is short");
+    }
+    for (size_t i = 0; i < slots; i++)
+        if (number[i] >= 0) {
+            copy->places[number[i]] = sb_body_positions(s->body)[i];
+            copy->moved[number[i]] = sb_body_displacements(s->body)[i];
+        }
+    free(number);
+    return 1;
+}
 
 /* Writes the deformed tissue with its displacements (VTK). 0, with a message, when that fails. */
 static inline int scene_save(const scene *s, const char *path)
 {
-    const ndl_tissue_mesh *from = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
-    sb_mesh mesh;
+    scene_copy copy;
+    sb_mesh deformed;
     sb_field field = {"displacement", SB_FIELD_NODES, 3, NULL};
     sb_error error;
-    sb_result result = SB_ERROR_MEMORY;
-    int *number = (int *)malloc(sizeof(int) * (size_t)from->node_end); /* without the slots that are not in use */
-    sb_vec3 *moved = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)from->node_end);
-    memset(&mesh, 0, sizeof mesh);
-    mesh.element_type = SB_TET4;
-    mesh.nodes = (sb_vec3 *)malloc(sizeof(sb_vec3) * (size_t)from->node_end);
-    mesh.elements = (int *)malloc(4 * sizeof(int) * (size_t)from->tet_end);
-    mesh.regions = (int *)malloc(sizeof(int) * (size_t)from->tet_end);
-    memset(&error, 0, sizeof error);
-    snprintf(error.message, sizeof error.message, "memory is short");
-    if (number && moved && mesh.nodes && mesh.elements && mesh.regions) {
-        for (int i = 0; i < from->node_end; i++) {
-            number[i] = mesh.node_count;
-            if (!from->node_flags[i])
-                continue;
-            moved[mesh.node_count] = sb_v3_sub(from->x[i], from->X[i]);
-            mesh.nodes[mesh.node_count++] = from->x[i];
-        }
-        for (int t = 0; t < from->tet_end; t++) {
-            if (from->tets[4 * (size_t)t] < 0)
-                continue;
-            for (int c = 0; c < 4; c++)
-                mesh.elements[4 * mesh.element_count + c] = number[from->tets[4 * t + c]];
-            mesh.regions[mesh.element_count++] = from->regions[t];
-        }
-        field.values = &moved->x;
-        result = sb_mesh_save_vtk(path, &mesh, &field, 1, &error);
-    }
-    free(number);
-    free(moved);
-    free(mesh.nodes);
-    free(mesh.elements);
-    free(mesh.regions);
+    sb_result result;
+    if (!scene_make_copy(s, &copy))
+        return 0;
+    deformed = copy.mesh;
+    deformed.nodes = copy.places;
+    field.values = &copy.moved->x;
+    result = sb_mesh_save_vtk(path, &deformed, &field, 1, &error);
+    scene_free_copy(&copy);
     return result == SB_OK ? 1 : scene_complain_of(s, &error);
 }
 
 /* ---- pictures ---- */
 
-/* The tissue's faces that look away from the viewer, so that one sees into it; coloured by how far (m) they have moved,
- * up to `most`. 0 when memory is short. */
+/* Of a closed surface the faces that look away from the viewer, so that one sees into it; `values` as of
+ * picture_add_surface. 0 when memory is short. */
+static inline int scene_draw_open(const sb_mesh *closed, picture *p, double azimuth, double elevation,
+                                  const sb_real *values, double most)
+{
+    picture_vec toward = picture_make_view(azimuth, elevation, p->width, p->height).toward;
+    sb_mesh open = *closed;
+    open.elements = (int *)malloc(sizeof(int) * 3 * (size_t)closed->element_count);
+    open.element_count = 0;
+    open.regions = NULL;
+    if (!open.elements)
+        return 0;
+    for (int e = 0; e < closed->element_count; e++) {
+        const int *n = closed->elements + 3 * (size_t)e;
+        picture_vec corners[3];
+        for (int c = 0; c < 3; c++)
+            corners[c] = picture_from(closed->nodes[n[c]]);
+        if (picture_dot(picture_face_normal(corners), toward) < 0)
+            memcpy(open.elements + 3 * (size_t)open.element_count++, n, 3 * sizeof *n);
+    }
+    picture_add_surface(p, &open, values, 0, most);
+    free(open.elements);
+    return 1;
+}
+
+/* The tissue, open towards the viewer; coloured by how far (m) it has moved, up to `most`. 0 when memory is short. */
 static inline int scene_draw_tissue(const scene *s, picture *p, double azimuth, double elevation, double most)
 {
-    static const int faces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}; /* outward */
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
-    picture_vec toward = picture_make_view(azimuth, elevation, p->width, p->height).toward;
-    sb_mesh surface;
-    sb_real *values = (sb_real *)calloc((size_t)mesh->node_end, sizeof *values);
-    int *triangles = (int *)malloc(12 * (size_t)mesh->tet_end * sizeof *triangles), count = 0;
-    for (int i = 0; values && i < mesh->node_end; i++)
-        if (mesh->node_flags[i])
-            values[i] = sb_v3_norm(sb_v3_sub(mesh->x[i], mesh->X[i]));
-    for (int k = 0; triangles && k < 4 * mesh->tet_end; k++) {
-        const int *tet = mesh->tets + 4 * (k / 4);
-        picture_vec corners[3];
-        if (tet[0] < 0 || mesh->neighbours[k] >= 0)
-            continue;
-        for (int c = 0; c < 3; c++) {
-            triangles[3 * count + c] = tet[faces[k % 4][c]];
-            corners[c] = picture_from(mesh->x[tet[faces[k % 4][c]]]);
+    scene_copy copy;
+    sb_boundary boundary;
+    sb_real *values;
+    int drawn = 0;
+    if (!scene_make_copy(s, &copy))
+        return 0;
+    if (sb_mesh_boundary(&copy.mesh, 1, NULL, &boundary, NULL) == SB_OK) {
+        values = (sb_real *)malloc(sizeof(sb_real) * (size_t)boundary.surface.node_count);
+        for (int i = 0; values && i < boundary.surface.node_count; i++) {
+            boundary.surface.nodes[i] = copy.places[boundary.nodes[i]];
+            values[i] = sb_v3_norm(copy.moved[boundary.nodes[i]]);
         }
-        count += picture_dot(picture_face_normal(corners), toward) < 0;
+        drawn = values && scene_draw_open(&boundary.surface, p, azimuth, elevation, values, most);
+        free(values);
+        sb_boundary_free(&boundary);
     }
-    if (values && triangles) {
-        memset(&surface, 0, sizeof surface);
-        surface.element_type = SB_TRI3;
-        surface.nodes = mesh->x;
-        surface.node_count = mesh->node_end;
-        surface.elements = triangles;
-        surface.element_count = count;
-        picture_add_surface(p, &surface, values, 0, most);
-    }
-    free(values);
-    free(triangles);
-    return values && triangles;
+    scene_free_copy(&copy);
+    return drawn;
 }
 
 /* The needle from its sleeve to its tip, `radius` (m) thick. */
@@ -506,11 +584,10 @@ static inline void scene_draw_path(picture *p, const scene_path *path, double ra
 /* Largest distance (m) that a node of the tissue has moved. */
 static inline double scene_most_motion(const scene *s)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh((ndl_tissue *)s->tissue);
+    const sb_vec3 *moved = sb_body_displacements(s->body); /* 0 where there is no node */
     double most = 0;
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->node_flags[i])
-            most = fmax(most, scene_distance(mesh->x[i], mesh->X[i]));
+    for (int i = 0; i < sb_body_node_count(s->body); i++)
+        most = fmax(most, (double)sb_v3_norm(moved[i]));
     return most;
 }
 

@@ -5,7 +5,8 @@
  *     memset(&p, 0, sizeof p);
  *     result = phantom_make_mesh(&p.mesh, &error);            or sb_mesh_load
  *     result = phantom_survey(&p, &error);                    where its regions are
- *     result = phantom_make_tissue(&p, &def, &error);         def: clock, threads and such; mesh and materials are set
+ *     sb_body_def def = phantom_default_body_def();           clock, threads and such; mesh and materials are set by
+ *     result = phantom_make_tissue(&p, &def, &error);
  *     result = phantom_make_needle(&p, curvature, aside, &error);
  *     phantom_free(&p);
  *
@@ -31,7 +32,7 @@ typedef struct phantom {
     int meets_outside[PHANTOM_REGIONS];     /* or skin */
     sb_vec3 low, high;                      /* box of all nodes (m) */
     sb_vec3 target;                         /* middle of the prostate, or of all (m) */
-    ndl_tissue *tissue;
+    sb_body *tissue;
     ndl_needle *needle;
     sb_real free_length;                    /* m of the needle before the skin at the start */
 } phantom;
@@ -149,29 +150,42 @@ static inline sb_result phantom_survey(phantom *p, sb_error *error)
 
 /* ---- tissue and needle ---- */
 
-/* Tissue of 50 kPa with a prostate of 100 kPa; what lies on the table (the lowest 3 % of the height) sticks to it. */
-static inline sb_result phantom_make_tissue(phantom *p, ndl_tissue_def *def, sb_error *error)
+/* One linear system a step, in which what dt cannot resolve is damped away; room for the mesh to follow the needle. */
+static inline sb_body_def phantom_default_body_def(void)
 {
-    ndl_tissue_material materials[PHANTOM_REGIONS];
+    sb_body_def def = sb_default_body_def();
+    def.integrator = SB_GENERALISED_ALPHA;
+    def.spectral_radius = 0;
+    def.max_newton = 1;
+    def.damping_stiffness = (sb_real)0.005;
+    def.tolerance = (sb_real)1e-4;
+    def.slack = (sb_real)0.2;
+    return def;
+}
+
+/* Tissue of 50 kPa with a prostate of 100 kPa; what lies on the table (the lowest 3 % of the height) sticks to it. */
+static inline sb_result phantom_make_tissue(phantom *p, sb_body_def *def, sb_error *error)
+{
+    sb_region_material prostate;
     sb_real table = p->low.z + (sb_real)0.03 * (p->high.z - p->low.z);
-    int *fixed = (int *)malloc((size_t)p->mesh.node_count * sizeof *fixed);
+    int *fixed = (int *)malloc((size_t)p->mesh.node_count * sizeof *fixed), fixed_count = 0;
     sb_result result;
     if (!fixed)
         return phantom_refuse(SB_ERROR_MEMORY, "not enough memory", error);
-    for (int r = 0; r < p->region_count; r++) {
-        materials[r].young = r == p->prostate ? 100000 : 50000;
-        materials[r].poisson = (sb_real)0.45;
-        materials[r].density = 1040;
-    }
+    prostate.region = p->prostate;
+    prostate.material = sb_material_corotated(100000, (sb_real)0.45, 1040);
     def->mesh = &p->mesh;
-    def->materials = materials;
-    def->material_count = p->region_count;
-    def->fixed_nodes = fixed;
-    def->fixed_count = 0;
+    def->material = sb_material_corotated(50000, (sb_real)0.45, 1040);
+    def->region_materials = &prostate;
+    def->region_material_count = p->prostate >= 0;
     for (int i = 0; i < p->mesh.node_count; i++)
         if (p->mesh.nodes[i].z <= table)
-            fixed[def->fixed_count++] = i;
-    result = ndl_tissue_create(def, &p->tissue, error);
+            fixed[fixed_count++] = i;
+    result = sb_body_create(def, &p->tissue, error);
+    if (result == SB_OK)
+        result = sb_body_hold(p->tissue, fixed, fixed_count, SB_XYZ, error);
+    def->region_materials = NULL; /* it was of this call */
+    def->region_material_count = 0;
     free(fixed);
     return result;
 }
@@ -191,6 +205,29 @@ static inline int phantom_list_membranes(const phantom *p, ndl_membrane *membran
     return count;
 }
 
+/* Where a line along x through a point first meets the skin; 0: it misses. */
+static inline sb_result phantom_find_entry(const phantom *p, sb_vec3 through, sb_vec3 *entry, sb_error *error)
+{
+    sb_boundary boundary;
+    sb_surface *skin = NULL;
+    sb_surface_hit hit;
+    sb_vec3 from = through;
+    sb_result result = sb_mesh_boundary(&p->mesh, 1, NULL, &boundary, error);
+    if (result != SB_OK)
+        return result;
+    result = sb_surface_create(&boundary.surface, NULL, &skin, error);
+    sb_boundary_free(&boundary);
+    if (result != SB_OK)
+        return result;
+    from.x = 2 * p->low.x - p->high.x;
+    if (sb_surface_ray(skin, from, sb_v3(1, 0, 0), through.x - from.x, &hit))
+        *entry = hit.point;
+    else
+        result = phantom_refuse(SB_ERROR_MESH, "a needle along x at the target's height would miss the tissue", error);
+    sb_surface_destroy(skin);
+    return result;
+}
+
 /* A nitinol needle of 0.83 mm, 2 mm before the skin, out of a sleeve (a template) that stands 30 mm before it.
  * curvature: 1/m of the path that its bevel cuts in stiff tissue, upwards (0: a symmetric tip). aside: m away from the
  * line through the target. */
@@ -199,17 +236,16 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
     ndl_needle_def def = ndl_default_needle_def();
     ndl_friction frictions[PHANTOM_REGIONS];
     ndl_membrane membranes[PHANTOM_MEMBRANES];
-    ndl_surface_hit hit;
-    sb_vec3 middle = sb_v3_add(p->target, aside), from = middle;
-    from.x = 2 * p->low.x - p->high.x;
+    sb_vec3 entry;
+    sb_result result = phantom_find_entry(p, sb_v3_add(p->target, aside), &entry, error);
+    if (result != SB_OK)
+        return result;
     for (int r = 0; r < p->region_count; r++) {
         const ndl_friction tissue = {20, 40, (sb_real)0.4, 0, 0}, prostate = {35, 70, (sb_real)0.7, 0, 0};
         frictions[r] = r == p->prostate ? prostate : tissue;
     }
-    if (!ndl_tissue_mesh_hit(ndl_tissue_get_mesh(p->tissue), from, middle, &hit))
-        return phantom_refuse(SB_ERROR_MESH, "a needle along x at the target's height would miss the tissue", error);
-    def.tissue = p->tissue;
-    def.base = sb_v3_add(hit.X, sb_v3((sb_real)-0.030, 0, 0));
+    def.body = p->tissue;
+    def.base = sb_v3_add(entry, sb_v3((sb_real)-0.030, 0, 0));
     def.direction = sb_v3(1, 0, 0);
     def.director = sb_v3(0, 1, 0); /* then m2 = t x m1 looks up */
     def.length = p->free_length = (sb_real)0.028;
@@ -225,7 +261,7 @@ static inline sb_result phantom_make_needle(phantom *p, sb_real curvature, sb_ve
 static inline void phantom_free(phantom *p)
 {
     ndl_needle_destroy(p->needle);
-    ndl_tissue_destroy(p->tissue);
+    sb_body_destroy(p->tissue);
     sb_mesh_free(&p->mesh);
     memset(p, 0, sizeof *p);
 }

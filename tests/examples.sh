@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study, the needle programs,
+# Runs hello, custom_element, demo, viscoelastic, liver_models, surface_to_sim, cylinder_study, the needle programs, one_body,
 # register_liver and insilico as a user would, with good and bad arguments and files:
 #
 #     tests/examples.sh PROGRAMS FOLDER       programs in PROGRAMS (build), files into FOLDER, which is emptied
@@ -331,6 +331,23 @@ expect 2 'no-such-folder/x.csv cannot be written' needle_prostate --seconds 1 --
 expect 2 'no-such-folder/x_0000.vtk' needle_prostate --seconds 1 -o no-such-folder/x
 expect 2 'would be overwritten' needle_prostate --mesh needle/a_0000.vtk --csv needle/a_0000.vtk
 
+# ---- one_body ----
+expect 0 '^usage: one_body' one_body --help
+mkdir -p one
+expect 0 '^registered_mm=0\.[0-2].* continued=same replayed=same topology=restored' one_body --cells 8 -o one/a
+check "the organ and its target are found" awk '/^registered_mm/ { split($2, t, "="); split($3, m, "=")
+    exit !(t[2] < 3 && m[2] < 5) }' output.txt
+check "a picture" is_png one/a.png
+check "the hand pushes, and pulls" awk -F, 'NR > 1 && $2 > high { high = $2 } NR > 1 && $2 < low { low = $2 }
+    END { exit !(high > 0.1 && low < -0.1) }' one/a.csv
+expect_data 2 'nan_coordinate.vtk:9: ' one_body bad/nan_coordinate.vtk --mesh
+expect_data 2 'must be a volume mesh of tets with 4 nodes' one_body volumes/liver_a_tet10_1k.vtk --mesh
+expect_data 2 'see --scale' one_body volumes/liver_a_tet4_2k.vtk --scale 1e-6 --mesh
+expect 2 'no-such.ply' one_body --cells 6 --scan no-such.ply
+expect 2 'no-such.obj' one_body --skin no-such.obj
+expect 2 '--cells needs a whole number' one_body --cells 2
+expect 2 'no-such-folder/x.csv' one_body --cells 6 -o no-such-folder/x
+
 # ---- needle_forces ----
 expect 0 'usage: needle_forces' needle_forces --help
 expect 0 '^lateral *forces_lateral.svg, forces_lateral.csv' needle_forces -o forces
@@ -489,7 +506,7 @@ expect 2 'no-such-folder' insilico --coarse 4 --fine 5 --patterns gravity --meth
 
 # ---- a full disk ----
 all="hello custom_element demo viscoelastic liver_models surface_to_sim cylinder_study needle_prostate needle_forces
-    needle_control needle_obstacles needle_phantom register_liver insilico case_solve"
+    needle_control needle_obstacles needle_phantom one_body register_liver insilico case_solve"
 # full_stdout PROGRAM [ARGUMENT...]: what is printed cannot be written, which is told, and is no success
 full_stdout() {
     program=$1

@@ -34,8 +34,7 @@ typedef struct world {
     sb_surface *shape;
     sb_grid grid;
     sb_grid_rows rows;
-    ndl_tissue *tissue;
-    ndl_tissue_mesh tissue_mesh;
+    sb_body *pierced, *remeshed;  /* of the needle, and of the remesher */
     ndl_needle *needle;
     ndl_remesh *remesh;
     ndl_rod *rod;
@@ -77,8 +76,6 @@ typedef struct world {
     sb_preconditioner_def preconditioner_def;
     sb_direct_def direct_def;
     sb_surface_repair_def repair_def;
-    ndl_tissue_material tissue_material;
-    ndl_tissue_def tissue_def;
     ndl_needle_def needle_def;
     ndl_remesh_def remesh_def;
     ndl_rod_def rod_def;
@@ -649,31 +646,34 @@ WORLD_IMAGE_OF(preconditioner, sb_preconditioner_saved_size(world_preconditioner
 
 /* ---- needle ---- */
 
-static ndl_tissue_def *world_tissue_def(world *w)
+/* Of tets, held below; linear systems only. */
+static sb_body *world_make_tissue(world *w)
 {
-    w->tissue_material.young = 50000, w->tissue_material.poisson = REAL(0.4), w->tissue_material.density = 1000;
-    w->tissue_def = ndl_default_tissue_def();
-    w->tissue_def.mesh = world_mesh(w);
-    w->tissue_def.materials = &w->tissue_material;
-    w->tissue_def.material_count = 1;
-    w->tissue_def.fixed_nodes = w->ints;
-    w->tissue_def.fixed_count = 8;
-    w->tissue_def.gravity = sb_v3(0, 0, REAL(-9.81));
-    w->tissue_def.allocator = w->allocator;
-    return &w->tissue_def;
+    sb_body_def def = sb_default_body_def();
+    sb_body *body = NULL;
+    def.mesh = world_mesh(w);
+    def.material = sb_material_corotated(50000, REAL(0.4), 1000);
+    def.gravity = sb_v3(0, 0, REAL(-9.81));
+    def.max_newton = 1;
+    def.slack = REAL(0.5);
+    def.allocator = w->allocator;
+    CHECK_OK(sb_body_create(&def, &body, NULL));
+    if (body)
+        scene_fix_plane(body, def.mesh, 2, 0, SB_XYZ);
+    return body;
 }
 
-static ndl_tissue *world_tissue(world *w)
+static sb_body *world_pierced(world *w)
 {
-    if (!w->tissue)
-        CHECK_OK(ndl_tissue_create(world_tissue_def(w), &w->tissue, NULL));
-    return w->tissue;
+    if (!w->pierced)
+        w->pierced = world_make_tissue(w);
+    return w->pierced;
 }
 
 static ndl_needle_def *world_needle_def(world *w)
 {
     w->needle_def = ndl_default_needle_def();
-    w->needle_def.tissue = world_tissue(w);
+    w->needle_def.body = world_pierced(w);
     w->needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     w->needle_def.direction = sb_v3(0, 0, -1);
     w->needle_def.director = sb_v3(1, 0, 0);
@@ -693,7 +693,7 @@ static ndl_needle *world_needle(world *w)
     memset(&command, 0, sizeof command);
     command.insertion = REAL(0.1);
     for (int i = 0; i < 5 && w->needle; i++)
-        CHECK_OK(ndl_step(w->tissue, &w->needle, 1, REAL(0.02), &command, NULL, NULL));
+        CHECK_OK(ndl_step(w->pierced, &w->needle, 1, REAL(0.02), &command, NULL, NULL));
     return w->needle;
 }
 
@@ -709,26 +709,20 @@ static ndl_command *world_command(world *w)
     return &w->command;
 }
 
-static ndl_tissue_mesh *world_tissue_mesh(world *w)
-{
-    sb_real density = 1000;
-    if (!w->tissue_mesh.block)
-        CHECK_OK(ndl_tissue_mesh_create(world_mesh(w), &density, 1, REAL(0.5), &w->allocator, &w->tissue_mesh, NULL));
-    return &w->tissue_mesh;
-}
-
 static ndl_remesh_def *world_remesh_def(world *w)
 {
+    if (!w->remeshed)
+        w->remeshed = world_make_tissue(w);
     w->remesh_def = ndl_default_remesh_def();
-    w->remesh_def.tissue = world_tissue_mesh(w);
+    w->remesh_def.body = w->remeshed;
     w->remesh_def.allocator = w->allocator;
     return &w->remesh_def;
 }
 
+/* The remesher's needle comes from above. */
 static const ndl_surface_hit *world_entry(world *w)
 {
-    ndl_tissue_mesh_hit(world_tissue_mesh(w), sb_v3(REAL(0.0213), REAL(0.0191), 1), sb_v3(REAL(0.0213), REAL(0.0191), 0),
-                        &w->entry);
+    ndl_remesh_hit(w->remesh, sb_v3(REAL(0.0213), REAL(0.0191), 1), sb_v3(REAL(0.0213), REAL(0.0191), 0), &w->entry);
     return &w->entry;
 }
 
@@ -817,8 +811,6 @@ static ndl_push *world_push(world *w)
     return &w->push;
 }
 
-WORLD_IMAGE_OF(tissue, ndl_tissue_state_size(world_tissue(w)), ndl_tissue_save(w->tissue, w->image, w->image_bytes, NULL))
-WORLD_IMAGE_OF(remesh, ndl_remesh_state_size(world_remesh(w)), ndl_remesh_save(w->remesh, w->image, w->image_bytes, NULL))
 WORLD_IMAGE_OF(rod, ndl_rod_state_size(world_rod(w)), ndl_rod_save(w->rod, w->image, w->image_bytes, NULL))
 
 /* ---- register ---- */
@@ -966,13 +958,14 @@ static unsigned long long world_step_body(sb_body *body, unsigned long long hash
 
 static unsigned long long world_step_needles(world *w, unsigned long long hash)
 {
-    const ndl_tissue_mesh *mesh;
     ndl_step_info info;
-    sb_result result = ndl_step(w->tissue, &w->needle, w->needle ? 1 : 0, REAL(0.01), NULL, &info, NULL);
+    sb_result result;
+    if (!w->needle)
+        return world_step_body(w->pierced, hash);
+    result = ndl_step(w->pierced, &w->needle, 1, REAL(0.01), NULL, &info, NULL);
     hash = world_mix(hash, &result, sizeof result);
-    mesh = ndl_tissue_get_mesh(w->tissue);
-    CHECK(scene_all_finite(mesh->x, mesh->node_end));
-    return world_mix(hash, mesh->x, (size_t)mesh->node_end * sizeof(sb_vec3));
+    CHECK(scene_all_finite(sb_body_positions(w->pierced), sb_body_node_count(w->pierced)));
+    return world_mix(hash, sb_body_positions(w->pierced), (size_t)sb_body_node_count(w->pierced) * sizeof(sb_vec3));
 }
 
 /* Lets everything there is go on, and gives the bits of where it comes to. */
@@ -988,7 +981,7 @@ static unsigned long long world_go_on(world *w)
         reg_nicp_step(w->nicp, NULL);
     if (w->plain)
         hash = world_step_body(w->plain, hash);
-    if (w->tissue)
+    if (w->pierced)
         hash = world_step_needles(w, hash);
     if (w->rod) {
         sb_result result = ndl_rod_step(w->rod, REAL(0.01), NULL);
@@ -996,8 +989,9 @@ static unsigned long long world_go_on(world *w)
         hash = world_mix(hash, ndl_rod_positions(w->rod), (size_t)ndl_rod_node_count(w->rod) * sizeof(sb_vec3));
     }
     if (w->remesh) {
-        hash = world_mix(hash, w->tissue_mesh.X, (size_t)w->tissue_mesh.node_end * sizeof(sb_vec3));
-        CHECK_OK(ndl_tissue_mesh_check(&w->tissue_mesh, NULL));
+        hash = world_mix(hash, sb_body_rest_positions(w->remeshed),
+                         (size_t)sb_body_node_count(w->remeshed) * sizeof(sb_vec3));
+        CHECK_OK(ndl_remesh_check(w->remesh, NULL));
     }
     if (w->preconditioner && w->matrix.row_count == WORLD_NODES) {
         sb_preconditioner_apply(w->preconditioner, w->reals, z);
@@ -1035,8 +1029,8 @@ static void world_free(world *w)
     ndl_rod_destroy(w->rod);
     ndl_remesh_destroy(w->remesh);
     ndl_needle_destroy(w->needle);
-    ndl_tissue_destroy(w->tissue);
-    ndl_tissue_mesh_free(&w->tissue_mesh);
+    sb_body_destroy(w->pierced);
+    sb_body_destroy(w->remeshed);
     sb_grid_rows_free(&w->rows);
     sb_grid_free(&w->grid);
     sb_surface_destroy(w->shape);

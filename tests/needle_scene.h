@@ -5,6 +5,11 @@
 #include "needle.h"
 #include "scene.h"
 
+/* What tissue in these scenes is made of: corotated. */
+typedef struct needle_scene_material {
+    sb_real young, poisson, density;
+} needle_scene_material;
+
 /* A block from the origin to `size`, held at its four sides; the needle comes from above (z), along -z. */
 typedef struct needle_scene {
     int cells[3];
@@ -12,17 +17,32 @@ typedef struct needle_scene {
     double shake;                  /* of the inner nodes, in cells */
     int layered;                   /* 1: region 1 below half of the height */
     int turned;                    /* 1: all of it turned and shifted */
-    ndl_tissue_material materials[2];
-    ndl_tissue_def tissue_def;
+    needle_scene_material materials[2];
+    const sb_material *other;      /* of all of it in place of `materials`, or NULL */
+    sb_body_def body_def;
     ndl_friction frictions[2];
     ndl_needle_def needle_def;     /* base above the middle of the top */
     sb_mesh mesh;
-    ndl_tissue *tissue;
+    sb_body *body;
     ndl_needle *needles[NDL_MAX_NEEDLES];
     int count;
     ndl_step_info info;
     sb_error error;
 } needle_scene;
+
+/* How bodies with needles are stepped here: one linear system a step. */
+static inline sb_body_def needle_scene_body_def(void)
+{
+    sb_body_def def = sb_default_body_def();
+    def.integrator = SB_GENERALISED_ALPHA;
+    def.spectral_radius = 0;
+    def.max_newton = 1;
+    def.damping_stiffness = REAL(0.005);
+    def.slack = REAL(0.2);
+    def.tolerance = REAL(1e-4);
+    def.max_iterations = 200;
+    return def;
+}
 
 /* 4 x 4 x 4 cm of 50 kPa in 4 cells each way, and a needle with its tip 1 mm above. */
 static inline needle_scene needle_scene_default(void)
@@ -39,7 +59,7 @@ static inline needle_scene needle_scene_default(void)
         s.frictions[i].friction = 20;
         s.frictions[i].cutting = REAL(0.5);
     }
-    s.tissue_def = ndl_default_tissue_def();
+    s.body_def = needle_scene_body_def();
     s.needle_def = ndl_default_needle_def();
     s.needle_def.base = sb_v3(REAL(0.0213), REAL(0.0191), REAL(0.091));
     s.needle_def.direction = sb_v3(0, 0, -1);
@@ -93,16 +113,23 @@ static inline void needle_scene_free(needle_scene *s)
 {
     for (int i = 0; i < s->count; i++)
         ndl_needle_destroy(s->needles[i]);
-    ndl_tissue_destroy(s->tissue);
+    sb_body_destroy(s->body);
     sb_mesh_free(&s->mesh);
-    s->tissue = NULL;
+    s->body = NULL;
     s->count = 0;
 }
 
-/* The tissue alone; 0 (with a failed check) when it cannot be made. */
-static inline int needle_scene_make_tissue(needle_scene *s)
+static inline sb_material needle_scene_material_of(const needle_scene *s, int region)
 {
-    int *fixed;
+    const needle_scene_material *m = s->materials + region;
+    return s->other ? *s->other : sb_material_corotated(m->young, m->poisson, m->density);
+}
+
+/* The body alone; 0 (with a failed check) when it cannot be made. */
+static inline int needle_scene_make_body(needle_scene *s)
+{
+    sb_region_material lower;
+    int *fixed, count;
     s->mesh = scene_box(SB_TET4, s->cells[0], s->cells[1], s->cells[2], s->size, s->shake);
     if (s->layered && !s->mesh.regions)
         s->mesh.regions = (int *)malloc((size_t)s->mesh.element_count * sizeof(int)); /* freed as the others are */
@@ -111,16 +138,20 @@ static inline int needle_scene_make_tissue(needle_scene *s)
         free(fixed);
         return 0;
     }
-    s->tissue_def.fixed_count = needle_scene_make_mesh(s, fixed);
-    s->tissue_def.fixed_nodes = fixed;
-    s->tissue_def.mesh = &s->mesh;
-    s->tissue_def.materials = s->materials;
-    s->tissue_def.material_count = s->layered ? 2 : 1;
-    if (ndl_tissue_create(&s->tissue_def, &s->tissue, &s->error) != SB_OK)
+    count = needle_scene_make_mesh(s, fixed);
+    lower.region = 1;
+    lower.material = needle_scene_material_of(s, 1);
+    s->body_def.mesh = &s->mesh;
+    s->body_def.material = needle_scene_material_of(s, 0);
+    s->body_def.region_materials = s->layered ? &lower : NULL;
+    s->body_def.region_material_count = s->layered;
+    if (sb_body_create(&s->body_def, &s->body, &s->error) != SB_OK)
         printf("%s\n", s->error.message);
+    else
+        CHECK_OK(sb_body_fix_nodes(s->body, fixed, count, SB_XYZ));
     free(fixed);
-    s->tissue_def.fixed_nodes = NULL;
-    return CHECK(s->tissue != NULL);
+    s->body_def.region_materials = NULL;
+    return CHECK(s->body != NULL);
 }
 
 /* A needle by needle_def, moved aside by `shift`; NULL (with a failed check) when it cannot be made. */
@@ -128,7 +159,7 @@ static inline ndl_needle *needle_scene_add(needle_scene *s, sb_vec3 shift)
 {
     ndl_needle_def def = s->needle_def;
     ndl_needle *needle = NULL;
-    def.tissue = s->tissue;
+    def.body = s->body;
     def.base = sb_v3_add(def.base, shift);
     if (s->turned) {
         def.base = needle_scene_placed(def.base);
@@ -147,10 +178,10 @@ static inline ndl_needle *needle_scene_add(needle_scene *s, sb_vec3 shift)
     return needle;
 }
 
-/* Tissue and one needle. */
+/* Body and one needle. */
 static inline int needle_scene_make(needle_scene *s)
 {
-    return needle_scene_make_tissue(s) && needle_scene_add(s, sb_v3(0, 0, 0)) != NULL;
+    return needle_scene_make_body(s) && needle_scene_add(s, sb_v3(0, 0, 0)) != NULL;
 }
 
 static inline ndl_command needle_command(double insertion, double twist)
@@ -169,7 +200,7 @@ static inline int needle_scene_run(needle_scene *s, double dt, int steps, ndl_co
     for (int k = 0; k < NDL_MAX_NEEDLES; k++)
         commands[k] = command;
     for (int i = 0; i < steps; i++)
-        if (!CHECK_OK(ndl_step(s->tissue, s->needles, s->count, REAL(dt), commands, &s->info, &s->error))) {
+        if (!CHECK_OK(ndl_step(s->body, s->needles, s->count, REAL(dt), commands, &s->info, &s->error))) {
             printf("step %d of %d: %s\n", i, steps, s->error.message);
             return 0;
         }
@@ -187,19 +218,19 @@ static inline double needle_push(const needle_scene *s)
 
 static inline sb_vec3 needle_tip(const ndl_needle *needle) { return ndl_needle_tip(needle).position; }
 
-/* Bits of positions and velocities of the tissue and of all needles. */
+/* Bits of mesh, positions and velocities of the body and of all needles. */
 static inline unsigned long long needle_scene_bits(const needle_scene *s)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(s->tissue);
+    const sb_vec3 *x = sb_body_positions(s->body), *v = sb_body_velocities(s->body);
+    const sb_vec3 *X = sb_body_rest_positions(s->body);
     unsigned long long hash = 0;
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->node_flags[i])
-            hash = hash * 31 +
-                   (scene_hash(mesh->x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(mesh->v + i, sizeof(sb_vec3)) ^
-                    5 * scene_hash(mesh->X + i, sizeof(sb_vec3)));
-    for (int t = 0; t < mesh->tet_end; t++)
-        if (mesh->tets[4 * t] >= 0)
-            hash = hash * 31 + scene_hash(mesh->tets + 4 * t, 4 * sizeof(int));
+    for (int i = 0; i < sb_body_node_count(s->body); i++)
+        if (sb_body_node_in_use(s->body, i))
+            hash = hash * 31 + (scene_hash(x + i, sizeof(sb_vec3)) ^ 3 * scene_hash(v + i, sizeof(sb_vec3)) ^
+                                5 * scene_hash(X + i, sizeof(sb_vec3)));
+    for (int t = 0; t < sb_body_element_count(s->body); t++)
+        if (sb_body_cell_in_use(s->body, t))
+            hash = hash * 31 + scene_hash(sb_body_cell_nodes(s->body, t), 4 * sizeof(int));
     for (int k = 0; k < s->count; k++) {
         const ndl_rod *rod = ndl_needle_rod(s->needles[k]);
         size_t bytes = (size_t)ndl_rod_node_count(rod) * sizeof(sb_vec3);
@@ -220,15 +251,34 @@ static inline sb_vec3 needle_contact_sum(const ndl_needle *needle)
     return sum;
 }
 
-/* All of tissue and needles finite, and the mesh sound. */
+/* Mesh and body have the same nodes and cells at the same places, number by number. */
+static inline int needle_scene_is_mesh_of(const sb_body *body, const sb_mesh *mesh)
+{
+    const sb_vec3 *X = sb_body_rest_positions(body);
+    if (sb_body_node_count(body) != mesh->node_count || sb_body_element_count(body) != mesh->element_count)
+        return 0;
+    for (int t = 0; t < mesh->element_count; t++)
+        if (!sb_body_cell_in_use(body, t) ||
+            memcmp(sb_body_cell_nodes(body, t), mesh->elements + 4 * t, 4 * sizeof(int)) != 0)
+            return 0;
+    return memcmp(X, mesh->nodes, (size_t)mesh->node_count * sizeof *X) == 0;
+}
+static inline int needle_scene_is_original(const needle_scene *s)
+{
+    return needle_scene_is_mesh_of(s->body, &s->mesh) &&
+           (s->count == 0 || ndl_remesh_is_original(ndl_needle_remesh(s->needles[0])));
+}
+
+/* All of body and needles finite, and the mesh sound. */
 static inline int needle_scene_is_sound(const needle_scene *s)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(s->tissue);
     sb_error error;
-    int ok = ndl_tissue_mesh_check(mesh, &error) == SB_OK;
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->node_flags[i])
-            ok = ok && sb_v3_is_finite(mesh->x[i]) && sb_v3_is_finite(mesh->v[i]);
+    int ok = sb_body_live_check(s->body, &error) == SB_OK && s->count > 0 &&
+             ndl_remesh_check(ndl_needle_remesh(s->needles[0]), &error) == SB_OK;
+    if (!ok)
+        printf("%s\n", error.message);
+    ok = ok && scene_all_finite(sb_body_positions(s->body), sb_body_node_count(s->body)) &&
+         scene_all_finite(sb_body_velocities(s->body), sb_body_node_count(s->body));
     for (int k = 0; k < s->count; k++) {
         const ndl_rod *rod = ndl_needle_rod(s->needles[k]);
         sb_vec3 force, torque;
@@ -245,11 +295,11 @@ static inline int needle_scene_is_sound(const needle_scene *s)
 static inline double needle_drift(const needle_scene *s, const ndl_needle *needle)
 {
     const ndl_rod *rod = ndl_needle_rod(needle);
-    const sb_vec3 *x = ndl_rod_positions(rod), *tissue = ndl_tissue_positions(s->tissue);
+    const sb_vec3 *x = ndl_rod_positions(rod), *tissue = sb_body_positions(s->body);
     int n = ndl_rod_node_count(rod), first = ndl_needle_entry(needle);
     double drift = 0, spacing = n - first > 1 ? (double)ndl_needle_depth(needle) / (n - first - 1) : 1;
     for (int i = 0; i < n; i++) {
-        int node = ndl_needle_tissue_node(needle, i);
+        int node = ndl_needle_body_node(needle, i);
         int shallow_tip = i == n - 1 && i == first + 1; /* may have no node of its own */
         int is_in = i >= first && !(shallow_tip && node < 0);
         if ((node >= 0) != is_in || (ndl_needle_contact(needle, i) != NDL_FREE) != is_in)

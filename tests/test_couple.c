@@ -5,8 +5,8 @@
 static needle_scene slow_scene(void)
 {
     needle_scene s = needle_scene_default();
-    s.tissue_def.tolerance = REAL(scene_tolerance(1e-7, 100));
-    s.tissue_def.max_iterations = 1000;
+    s.body_def.tolerance = REAL(scene_tolerance(1e-7, 100));
+    s.body_def.max_iterations = 1000;
     return s;
 }
 
@@ -284,15 +284,14 @@ static void test_lateral(void)
         int moved = 0;
         for (int i = 0; i < 100; i++) {
             ndl_command command = needle_command(0.002, 0);
-            int entry = ndl_needle_entry(s.needles[0]), node = ndl_needle_tissue_node(s.needles[0], entry);
-            const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(s.tissue);
+            int entry = ndl_needle_entry(s.needles[0]), node = ndl_needle_body_node(s.needles[0], entry);
             command.velocity = sb_v3(REAL(0.008 * cos(0.1 * i)), 0, 0); /* by +-1.6 mm */
             needle_scene_run(&s, dt, 1, command);
             aside += 0.008 * cos(0.1 * i) * dt;
-            if (node != ndl_needle_tissue_node(s.needles[0], ndl_needle_entry(s.needles[0])))
+            if (node != ndl_needle_body_node(s.needles[0], ndl_needle_entry(s.needles[0])))
                 continue;
             if (fabs(aside) > 4e-4) {
-                double tissue = (double)(mesh->x[node].x - mesh->X[node].x);
+                double tissue = (double)sb_body_displacements(s.body)[node].x;
                 moved++;
                 with += tissue * aside > 0;
                 against += tissue * aside < 0;
@@ -328,7 +327,7 @@ static void test_drift_and_consistency(void)
             steps++;
             coupled = 0;
             for (int k = 0; k < ndl_rod_node_count(ndl_needle_rod(s.needles[0])); k++)
-                coupled += ndl_needle_tissue_node(s.needles[0], k) >= 0;
+                coupled += ndl_needle_body_node(s.needles[0], k) >= 0;
             CHECK_INT(s.info.static_nodes + s.info.dynamic_nodes, coupled);
         }
     CHECK(drift < scene_tolerance(1e-6, 1000));
@@ -371,7 +370,7 @@ static int list_path(const ndl_needle *needle, int *nodes)
 {
     int n = ndl_rod_node_count(ndl_needle_rod(needle)), first = ndl_needle_entry(needle);
     for (int i = first; i < n - 1; i++)
-        nodes[i - first] = ndl_needle_tissue_node(needle, i);
+        nodes[i - first] = ndl_needle_body_node(needle, i);
     return n - first - 1;
 }
 
@@ -460,7 +459,7 @@ static void test_static_balance(void)
         command.velocity = sb_v3(REAL(0.01), 0, REAL(-0.005));
         needle_scene_run(&s, dt, 10, command);
         needle_scene_run(&s, dt, 300, needle_command(0, 0));
-        reactions = scene_sum(ndl_tissue_reactions(s.tissue), ndl_tissue_get_mesh(s.tissue)->node_end);
+        reactions = scene_sum(sb_body_reactions(s.body), sb_body_node_count(s.body));
         contacts = needle_contact_sum(s.needles[0]);
         ndl_needle_base_wrench(s.needles[0], &force, &torque);
         weight = sb_v3_scale(REAL(rod_mass(rod)), s.needle_def.gravity);
@@ -485,8 +484,10 @@ static void test_static_balance(void)
 
 static double whole_energy(const needle_scene *s)
 {
-    ndl_tissue_energies tissue = ndl_tissue_get_energies(s->tissue);
-    double sum = (double)tissue.elastic + (double)tissue.kinetic;
+    sb_energy body = {0, 0, 0};
+    double sum;
+    CHECK_OK(sb_body_energy(s->body, &body));
+    sum = (double)body.elastic + (double)body.kinetic;
     for (int k = 0; k < s->count; k++) {
         ndl_rod_energy rod = ndl_rod_energies(ndl_needle_rod(s->needles[k]));
         sum += (double)rod.stretch + (double)rod.bend + (double)rod.twist + (double)rod.kinetic + (double)rod.grip;
@@ -495,11 +496,11 @@ static double whole_energy(const needle_scene *s)
 }
 
 /* Let go at any moment, needle and tissue come to rest, without gaining energy; then nothing changes any more. */
-static void rest_after(ndl_integrator integrator, double damping, double step)
+static void rest_after(sb_integrator integrator, double damping, double step)
 {
     needle_scene s = slow_scene();
-    s.tissue_def.integrator = integrator;
-    s.tissue_def.damping_stiffness = REAL(damping);
+    s.body_def.integrator = integrator;
+    s.body_def.damping_stiffness = REAL(damping);
     ndl_rod_section_preset(NDL_NITINOL_083, &s.needle_def.section);
     if (needle_scene_make(&s) && needle_scene_run(&s, dt, 100, needle_command(2 * speed, 0))) {
         ndl_command command = needle_command(0, 0);
@@ -523,7 +524,7 @@ static void rest_after(ndl_integrator integrator, double damping, double step)
         ndl_needle_base_wrench(s.needles[0], &later, NULL);
         quiet = whole_energy(&s);
         CHECK(quiet < energy + 0.002 * most);
-        if (damping > 0)
+        if (integrator != SB_NEWMARK) /* whose force goes on to ring, as needle.h says */
             CHECK(sb_v3_norm(sb_v3_sub(force, later)) < REAL(2e-3) * sb_v3_norm(force));
         CHECK_INT(s.info.operations, 0);
     }
@@ -532,9 +533,10 @@ static void rest_after(ndl_integrator integrator, double damping, double step)
 
 static void test_rest(void)
 {
-    rest_after(NDL_NEWMARK, 0.005, 0.02);
-    rest_after(NDL_EULER, 0, 0.01);
-    rest_after(NDL_NEWMARK, 0, 0.005);
+    rest_after(SB_GENERALISED_ALPHA, 0.005, 0.02);
+    rest_after(SB_GENERALISED_ALPHA, 0, 0.01);
+    rest_after(SB_EULER, 0, 0.01);
+    rest_after(SB_NEWMARK, 0, 0.005);
 }
 
 /* ---- nothing hangs on steps, threads or place ---- */
@@ -579,7 +581,7 @@ static void test_place_does_not_matter(void)
     needle_scene s = slow_scene();
     outcome here, there;
     sb_vec3 expected;
-    s.tissue_def.tolerance = REAL(scene_tolerance(1e-10, 100));
+    s.body_def.tolerance = REAL(scene_tolerance(1e-10, 100));
     s.needle_def.bevel.curvature = 5;
     here = insert_with(s, 0.02, sb_v3(REAL(0.005), 0, 0));
     s.turned = 1;
@@ -595,7 +597,7 @@ static unsigned long long bits_with(int workers)
     needle_scene s = needle_scene_default();
     unsigned long long bits = 0;
     if (workers > 0)
-        s.tissue_def.jobs = scene_jobs(&workers);
+        s.body_def.jobs = scene_jobs(&workers);
     s.needle_def.bevel.curvature = 5;
     if (needle_scene_make(&s) && needle_scene_run(&s, dt, 80, needle_command(speed, 1)) &&
         needle_scene_run(&s, dt, 40, needle_command(-speed, 0)))

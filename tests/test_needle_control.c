@@ -11,19 +11,17 @@ enum { MOST_FIXED = 400 };
 /* A block of 10 x 10 x 12 cm whose lower side is held, and a needle above it. */
 typedef struct block {
     sb_mesh mesh;
-    ndl_tissue *tissue;
+    sb_body *body;
     ndl_needle *needle;
     sb_vec3 entry;
 } block;
 
 static void block_begin(block *b, double young, const ndl_obstacle *rigid, int rigid_count)
 {
-    ndl_tissue_def def = ndl_default_tissue_def();
-    ndl_tissue_material gel = {0, REAL(0.45), 1000};
+    sb_body_def def = sb_default_body_def();
     int fixed[MOST_FIXED], count = 0;
     sb_error error;
     memset(b, 0, sizeof *b);
-    gel.young = REAL(young);
     if (!CHECK_OK(sb_mesh_beam(SB_TET4, 7, 7, 8, sb_v3(REAL(0.1), REAL(0.1), REAL(0.12)), NULL, &b->mesh, &error)))
         return;
     for (int i = 0; i < b->mesh.node_count && count < MOST_FIXED; i++) {
@@ -34,12 +32,15 @@ static void block_begin(block *b, double young, const ndl_obstacle *rigid, int r
             fixed[count++] = i;
     }
     def.mesh = &b->mesh;
-    def.materials = &gel;
-    def.material_count = 1;
-    def.fixed_nodes = fixed;
-    def.fixed_count = count;
+    def.material = sb_material_corotated(REAL(young), REAL(0.45), 1000);
+    def.integrator = SB_GENERALISED_ALPHA;
+    def.spectral_radius = 0;
+    def.max_newton = 1;
     def.damping_stiffness = REAL(0.01);
-    CHECK_OK(ndl_tissue_create(&def, &b->tissue, &error));
+    def.tolerance = REAL(1e-4);
+    def.slack = REAL(0.2);
+    if (CHECK_OK(sb_body_create(&def, &b->body, &error)))
+        CHECK_OK(sb_body_fix_nodes(b->body, fixed, count, SB_XYZ));
     b->entry = sb_v3(REAL(0.052), REAL(0.0514), REAL(0.12));
 }
 
@@ -49,7 +50,7 @@ static int block_add_needle(block *b, double curvature)
     ndl_needle_def def = ndl_default_needle_def();
     ndl_friction friction = {20, 0, REAL(0.5), 0, 0};
     sb_error error;
-    def.tissue = b->tissue;
+    def.body = b->body;
     def.base = sb_v3_add(b->entry, sb_v3(0, 0, REAL(0.01)));
     def.direction = sb_v3(0, 0, -1);
     def.director = sb_v3(1, 0, 0);
@@ -65,32 +66,37 @@ static int block_add_needle(block *b, double curvature)
 static void block_end(block *b)
 {
     ndl_needle_destroy(b->needle);
-    ndl_tissue_destroy(b->tissue);
+    sb_body_destroy(b->body);
     sb_mesh_free(&b->mesh);
 }
 
 static int block_step(block *b, double dt, const ndl_command *command)
 {
     sb_error error;
-    return CHECK_OK(b->needle ? ndl_step(b->tissue, &b->needle, 1, REAL(dt), command, NULL, &error)
-                              : ndl_tissue_step(b->tissue, REAL(dt), NULL, &error));
+    return CHECK_OK(b->needle ? ndl_step(b->body, &b->needle, 1, REAL(dt), command, NULL, &error)
+                              : sb_body_step(b->body, REAL(dt), NULL));
 }
 
 /* Where the material point X is now. */
 static sb_vec3 block_where(const block *b, sb_vec3 X)
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(b->tissue);
-    sb_real weights[4] = {0, 0, 0, 0};
-    sb_vec3 x = sb_v3(0, 0, 0);
-    int tet = -1;
-    for (int t = 0; t < mesh->tet_end && tet < 0; t++)
-        if (mesh->tets[4 * (size_t)t] >= 0)
-            tet = ndl_tissue_mesh_find(mesh, mesh->X, X, t, weights);
-    if (!CHECK(tet >= 0))
-        return X;
-    for (int c = 0; c < 4; c++)
-        x = sb_v3_madd(x, weights[c], mesh->x[mesh->tets[4 * (size_t)tet + (size_t)c]]);
-    return x;
+    const sb_vec3 *rest = sb_body_rest_positions(b->body), *now = sb_body_positions(b->body);
+    for (int t = 0; t < sb_body_element_count(b->body); t++) {
+        const int *n = sb_body_cell_nodes(b->body, t);
+        sb_mat3 edges;
+        sb_vec3 w, x;
+        if (!n)
+            continue;
+        edges = sb_m3_columns(sb_v3_sub(rest[n[1]], rest[n[0]]), sb_v3_sub(rest[n[2]], rest[n[0]]),
+                              sb_v3_sub(rest[n[3]], rest[n[0]]));
+        w = sb_m3_apply(sb_m3_inverse(edges), sb_v3_sub(X, rest[n[0]]));
+        if (w.x < REAL(-1e-5) || w.y < REAL(-1e-5) || w.z < REAL(-1e-5) || w.x + w.y + w.z > REAL(1 + 1e-5))
+            continue;
+        x = sb_v3_scale(1 - w.x - w.y - w.z, now[n[0]]);
+        return sb_v3_madd(sb_v3_madd(sb_v3_madd(x, w.x, now[n[1]]), w.y, now[n[2]]), w.z, now[n[3]]);
+    }
+    CHECK(0 && "the point is in the tissue");
+    return X;
 }
 
 static double apart(sb_vec3 a, sb_vec3 b) { return (double)sb_v3_norm(sb_v3_sub(a, b)); }
@@ -160,7 +166,7 @@ static void test_pose_looks_along_the_way(void)
     block_begin(&b, 1e9, NULL, 0);
     memset(&command, 0, sizeof command);
     command.insertion = REAL(0.02);
-    if (b.tissue && block_add_needle(&b, k))
+    if (b.body && block_add_needle(&b, k))
         for (int i = 0; i < 70 && block_step(&b, dt, &command); i++) {
             ndl_tip_pose tip = ndl_needle_tip(b.needle);
             sb_vec3 edge;
@@ -205,7 +211,7 @@ static void test_targets(void)
         pose = ndl_helix_pose(&pose, REAL(bend), 0, REAL(length));
         def.step = REAL(1e-3);
         def.reach = REAL(1e-3);
-        if (b.tissue && block_add_needle(&b, 10)) {
+        if (b.body && block_add_needle(&b, 10)) {
             s = steer_to(&b, &def, dt, pose.position);
             hits += s.distance <= 1e-3;
             moved = fmax(moved, s.moved);
@@ -236,7 +242,7 @@ static void test_obstacles(void)
     def.plan.obstacle_count = 2;
     def.plan.clearance = REAL(0.0024);
     block_begin(&b, 3e4, cylinders, 2);
-    if (b.tissue && block_add_needle(&b, 12.5)) {
+    if (b.body && block_add_needle(&b, 12.5)) {
         s = steer_to(&b, &def, 0.05, sb_v3(REAL(0.05), REAL(0.052), REAL(0.0168)));
         CHECK_INT(s.status, NDL_STEER_REACHED);
         CHECK(s.distance <= 1e-3);
@@ -250,11 +256,11 @@ static void test_obstacles(void)
 /* Pushes the nodes of the side at high x within 15 mm of the height of X. */
 static int find_pad(const block *b, sb_vec3 X, int nodes[16])
 {
-    const ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(b->tissue);
+    const sb_vec3 *rest = sb_body_rest_positions(b->body);
     int count = 0;
-    for (int i = 0; i < mesh->node_end && count < 16; i++)
-        if (mesh->node_flags[i] && mesh->X[i].x > REAL(0.0999) &&
-            apart(mesh->X[i], sb_v3(REAL(0.1), X.y, X.z)) < 0.015)
+    for (int i = 0; i < sb_body_node_count(b->body) && count < 16; i++)
+        if (sb_body_node_in_use(b->body, i) && rest[i].x > REAL(0.0999) &&
+            apart(rest[i], sb_v3(REAL(0.1), X.y, X.z)) < 0.015)
             nodes[count++] = i;
     CHECK(count > 0);
     return count;
@@ -262,10 +268,9 @@ static int find_pad(const block *b, sb_vec3 X, int nodes[16])
 
 static int press(const block *b, const int *nodes, int count, sb_vec3 force)
 {
-    for (int k = 0; k < count; k++)
-        if (!CHECK_OK(ndl_tissue_set_force(b->tissue, nodes[k], sb_v3_scale(1 / (sb_real)count, force))))
-            return 0;
-    return 1;
+    sb_vec3 each = sb_v3_scale(1 / (sb_real)count, force);
+    sb_body_clear_loads(b->body);
+    return CHECK_OK(sb_body_add_forces(b->body, nodes, count, &each, 1));
 }
 
 static int measure_compliance(block *b, const int *nodes, int count, sb_vec3 X, sb_mat3 *compliance)
@@ -300,7 +305,7 @@ static void test_push(void)
         sb_error error;
         int nodes[16], count, arrived = -1;
         block_begin(&b, 2e4, NULL, 0);
-        if (!b.tissue)
+        if (!b.body)
             return;
         X = sb_v3_add(b.entry, sb_v3(REAL(0.0025), 0, REAL(-0.05)));
         count = find_pad(&b, X, nodes);

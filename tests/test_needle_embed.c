@@ -1,4 +1,4 @@
-/* A surface embedded in tissue whose mesh a remesher changes: ndl_tissue_original_positions carries it as if the mesh
+/* A surface embedded in a body whose mesh a remesher changes: ndl_remesh_original_positions carries it as if the mesh
  * were the first one, exactly for affine motions, on blocks and organs, at random needles. */
 #include "check.h"
 #include "scene.h"
@@ -7,7 +7,7 @@
 
 typedef struct organ {
     sb_mesh mesh;
-    ndl_tissue *tissue;
+    sb_body *body;
     ndl_remesh *remesh;
     sb_embedding *embedding;
     sb_vec3 *points, *moved, *nodes;
@@ -73,8 +73,7 @@ static void place_points(organ *o, unsigned long long *seed)
 
 static int make_organ(organ *o, int curved, unsigned long long *seed)
 {
-    static const ndl_tissue_material gel = {REAL(2e4), REAL(0.45), 1000};
-    ndl_tissue_def def = ndl_default_tissue_def();
+    sb_body_def def = sb_default_body_def();
     ndl_remesh_def remesh = ndl_default_remesh_def();
     sb_embedding_def embed = sb_default_embedding_def();
     memset(o, 0, sizeof *o);
@@ -84,19 +83,16 @@ static int make_organ(organ *o, int curved, unsigned long long *seed)
         return 0;
     place_points(o, seed);
     o->nodes = (sb_vec3 *)malloc((size_t)o->mesh.node_count * sizeof(sb_vec3));
-    if (o->mesh.regions)
-        for (int e = 0; e < o->mesh.element_count; e++)
-            o->mesh.regions[e] = 0;
     def.mesh = embed.mesh = &o->mesh;
-    def.materials = &gel;
-    def.material_count = 1;
+    def.material = sb_material_corotated(REAL(2e4), REAL(0.45), 1000);
+    def.slack = REAL(0.2);
     embed.points = o->points;
     embed.kind = SB_EMBED_PLAIN; /* exact for affine motions, outside, too */
     embed.point_count = o->point_count;
-    if (!CHECK_OK(ndl_tissue_create(&def, &o->tissue, NULL)) ||
+    if (!CHECK_OK(sb_body_create(&def, &o->body, NULL)) ||
         !CHECK_OK(sb_embedding_create(&embed, &o->embedding, NULL)))
         return 0;
-    remesh.tissue = ndl_tissue_get_mesh(o->tissue);
+    remesh.body = o->body;
     return CHECK_OK(ndl_remesh_create(&remesh, &o->remesh, NULL));
 }
 
@@ -104,7 +100,7 @@ static void free_organ(organ *o)
 {
     sb_embedding_destroy(o->embedding);
     ndl_remesh_destroy(o->remesh);
-    ndl_tissue_destroy(o->tissue);
+    sb_body_destroy(o->body);
     sb_mesh_free(&o->mesh);
     free(o->points);
     free(o->moved);
@@ -129,7 +125,6 @@ static double error_by(organ *o, const sb_vec3 *nodes, double share)
 /* A needle into the organ from a random side to a random depth, on a mesh that an affine motion bends. */
 static void pierce(organ *o, int needle, unsigned long long *seed)
 {
-    ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(o->tissue);
     sb_vec3 low, high, middle, side;
     ndl_surface_hit hit;
     ndl_remesh_info info;
@@ -139,7 +134,7 @@ static void pierce(organ *o, int needle, unsigned long long *seed)
     side.y = REAL(check_random_in(seed, -1, 1));
     side.z = REAL(check_random_in(seed, -1, 1));
     side = sb_v3_scale(REAL(o->size) / sb_v3_norm(side), side);
-    if (!CHECK(ndl_tissue_mesh_hit(mesh, sb_v3_add(middle, side), middle, &hit)))
+    if (!CHECK(ndl_remesh_hit(o->remesh, sb_v3_add(middle, side), middle, &hit)))
         return;
     if (ndl_remesh_puncture(o->remesh, needle, &hit, &info, NULL) == SB_OK) {
         double depth = check_random_in(seed, 0.1, 0.25);
@@ -148,26 +143,37 @@ static void pierce(organ *o, int needle, unsigned long long *seed)
     }
 }
 
+/* Every node of the body where an affine motion takes it. */
+static void bend(organ *o, double share)
+{
+    int count = sb_body_node_count(o->body);
+    sb_vec3 *u = (sb_vec3 *)malloc((size_t)count * sizeof *u);
+    for (int i = 0; i < count; i++) {
+        sb_vec3 X = sb_body_rest_positions(o->body)[i];
+        u[i] = sb_body_node_in_use(o->body, i) ? sb_v3_sub(bent(X, share), X) : sb_v3(0, 0, 0);
+    }
+    CHECK_OK(sb_body_set_displacements(o->body, u));
+    free(u);
+}
+
 static void check_organ(int curved, unsigned long long seed, double *wrong)
 {
     organ o;
     if (make_organ(&o, curved, &seed)) {
-        ndl_tissue_mesh *mesh = ndl_tissue_get_mesh(o.tissue);
-        CHECK_OK(ndl_tissue_original_positions(o.tissue, o.nodes));
+        CHECK_OK(ndl_remesh_original_positions(o.remesh, o.nodes));
         CHECK(memcmp(o.nodes, o.mesh.nodes, (size_t)o.mesh.node_count * sizeof(sb_vec3)) == 0);
         pierce(&o, 0, &seed);
         pierce(&o, 1, &seed);
         for (int turn = 0; turn < 2; turn++) {
-            for (int i = 0; i < mesh->node_end; i++)
-                mesh->x[i] = bent(mesh->X[i], turn);
-            CHECK_OK(ndl_tissue_original_positions(o.tissue, o.nodes));
+            bend(&o, turn);
+            CHECK_OK(ndl_remesh_original_positions(o.remesh, o.nodes));
             CHECK_NEAR(error_by(&o, o.nodes, turn), 0, scene_tolerance(1e-12, 100) * o.size);
-            *wrong = fmax(*wrong, error_by(&o, ndl_tissue_positions(o.tissue), turn));
+            *wrong = fmax(*wrong, error_by(&o, sb_body_positions(o.body), turn));
         }
         for (int i = 0; i < 2; i++)
             CHECK_OK(ndl_remesh_withdraw(o.remesh, i, NULL, NULL));
-        CHECK_OK(ndl_tissue_original_positions(o.tissue, o.nodes));
-        CHECK(memcmp(o.nodes, mesh->x, (size_t)o.mesh.node_count * sizeof(sb_vec3)) == 0);
+        CHECK_OK(ndl_remesh_original_positions(o.remesh, o.nodes));
+        CHECK(memcmp(o.nodes, sb_body_positions(o.body), (size_t)o.mesh.node_count * sizeof(sb_vec3)) == 0);
     }
     free_organ(&o);
 }
@@ -181,7 +187,7 @@ static void test_affine(void)
         check_organ(i % 3 != 0, 77 + 1000003ULL * (unsigned long long)i, &wrong);
     printf("by nodes' own positions wrong by up to %.2f mm\n", 1e3 * wrong);
     CHECK(wrong > 1e-3);
-    CHECK_RESULT(ndl_tissue_original_positions(NULL, &none), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(ndl_remesh_original_positions(NULL, &none), SB_ERROR_ARGUMENT);
 }
 
 CHECK_SUITE(needle_embed, {"affine motions of pierced organs", test_affine});

@@ -1,14 +1,11 @@
 /* Entries into curved skin nobody chose: needles of two kinds into random ellipsoids of random cells and stiffness, from
  * random sides and at random angles. What the hand feels is of the size of friction and cutting; a shaft that the mesh
  * draws aside may add a little, and no more. */
-#include "check.h"
-#include "scene.h"
-
-#include "needle.h"
+#include "needle_scene.h"
 
 typedef struct entry {
     sb_mesh mesh;
-    ndl_tissue *tissue;
+    sb_body *body;
     ndl_needle *needle;
     double most;    /* N, of the hand */
     int depth_steps, failed;
@@ -49,23 +46,20 @@ static int make_ellipsoid(sb_mesh *mesh, unsigned long long *seed)
     return CHECK_OK(sb_mesh_stuff(&def, mesh, NULL, NULL));
 }
 
-static int make_tissue(entry *e, unsigned long long *seed)
+static int make_body(entry *e, unsigned long long *seed)
 {
-    ndl_tissue_def def = ndl_default_tissue_def();
-    ndl_tissue_material gel = {0, REAL(0.45), 1000};
+    sb_body_def def = needle_scene_body_def();
     sb_vec3 low, high;
     if (!make_ellipsoid(&e->mesh, seed))
         return 0;
-    gel.young = REAL(check_random_in(seed, 5e3, 6e4));
+    def.material = sb_material_corotated(REAL(check_random_in(seed, 5e3, 6e4)), REAL(0.45), 1000);
     def.mesh = &e->mesh;
-    def.materials = &gel;
-    def.material_count = 1;
-    if (!CHECK_OK(ndl_tissue_create(&def, &e->tissue, NULL)))
+    if (!CHECK_OK(sb_body_create(&def, &e->body, NULL)))
         return 0;
     sb_mesh_bounds(&e->mesh, &low, &high);
     for (int i = 0; i < e->mesh.node_count; i++)
         if ((double)(e->mesh.nodes[i].z - low.z) < 0.15 * (double)(high.z - low.z))
-            CHECK_OK(ndl_tissue_fix(e->tissue, i));
+            CHECK_OK(sb_body_hold(e->body, &i, 1, SB_XYZ, NULL));
     return 1;
 }
 
@@ -79,7 +73,7 @@ static int make_needle(entry *e, sb_real slip, unsigned long long *seed)
     aim.x = REAL(check_random_in(seed, -0.6, 0.6)) * radii[0];
     aim.y = REAL(check_random_in(seed, -0.6, 0.6)) * radii[1];
     aim.z = REAL(check_random_in(seed, 0, 0.5)) * radii[2];
-    def.tissue = e->tissue;
+    def.body = e->body;
     def.frictions = &friction;
     def.friction_count = 1;
     def.entry_slip = slip;
@@ -97,7 +91,7 @@ static void insert(entry *e)
         ndl_command command = {0, 0, {0, 0, 0}, {0, 0, 0}};
         sb_vec3 force;
         command.insertion = REAL(0.01);
-        if (!CHECK_OK(ndl_step(e->tissue, &e->needle, 1, REAL(0.02), &command, NULL, &e->error)))
+        if (!CHECK_OK(ndl_step(e->body, &e->needle, 1, REAL(0.02), &command, NULL, &e->error)))
             break;
         ndl_needle_base_wrench(e->needle, &force, NULL);
         e->most = fmax(e->most, (double)sb_v3_norm(force));
@@ -111,12 +105,12 @@ static double enter(unsigned long long seed, sb_real slip)
     memset(&e, 0, sizeof e);
     for (int i = 0; i < 5; i++)
         check_random(&seed);
-    if (make_tissue(&e, &seed) && make_needle(&e, slip, &seed)) {
+    if (make_body(&e, &seed) && make_needle(&e, slip, &seed)) {
         insert(&e);
         CHECK(e.depth_steps == 30);
     }
     ndl_needle_destroy(e.needle);
-    ndl_tissue_destroy(e.tissue);
+    sb_body_destroy(e.body);
     sb_mesh_free(&e.mesh);
     return e.most;
 }

@@ -6,66 +6,91 @@
 
 #include <string.h>
 
-typedef struct ndli_couple {
-    ndl_tissue *tissue;
-    ndli_line *const *lines;
-    int count;
-} ndli_couple;
+/* ---- the lines' parts of the guest's vectors: all unknowns, then three components of each node ---- */
 
-/* ---- the lines as one guest ---- */
+typedef struct ndli_couple_part {
+    size_t unknown, nodes; /* where the line's begin */
+} ndli_couple_part;
 
-static void ndli_couple_begin(void *user)
+static ndli_couple_part ndli_couple_first(const ndli_couple *c)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_begin(c->lines[k]);
+    ndli_couple_part part;
+    part.unknown = 0;
+    part.nodes = (size_t)c->guest.unknown_count;
+    return part;
 }
 
-static void ndli_couple_settle(void *user)
+static ndli_couple_part ndli_couple_next(const ndli_couple *c, ndli_couple_part part, int k)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_settle(c->lines[k]);
+    part.unknown += (size_t)ndli_line_unknown_count(c->lines[k]);
+    part.nodes += 3 * (size_t)c->lines[k]->count;
+    return part;
 }
 
-static void ndli_couple_direct(void *user, sb_real factor)
+static void ndli_couple_apply(const ndli_couple *c, int loads, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_direct(c->lines[k], (double)factor);
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_apply(c->lines[k], loads, x + at.unknown, x + at.nodes, y + at.unknown, y + at.nodes);
 }
 
-static double ndli_couple_multiply(void *user)
+static void ndli_couple_residual(void *user, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    double sum = 0;
-    for (int k = 0; k < c->count; k++)
-        sum += ndli_line_multiply(c->lines[k]);
-    return sum;
+    ndli_couple_apply((const ndli_couple *)user, 1, x, y);
 }
 
-static void ndli_couple_advance(void *user, sb_real factor)
+static void ndli_couple_multiply(void *user, const double *x, double *y)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    for (int k = 0; k < c->count; k++)
-        ndli_line_advance(c->lines[k], (double)factor);
+    ndli_couple_apply((const ndli_couple *)user, 0, x, y);
 }
 
-static double ndli_couple_precondition(void *user)
+static void ndli_couple_precondition(void *user, const double *r, double *z)
 {
-    ndli_couple *c = (ndli_couple *)user;
-    double sum = 0;
-    for (int k = 0; k < c->count; k++)
-        sum += ndli_line_precondition(c->lines[k]);
-    return sum;
+    const ndli_couple *c = (const ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_solve_block(c->lines[k], r + at.unknown, r + at.nodes, z + at.unknown, z + at.nodes);
 }
 
 static int ndli_couple_factor(const ndli_couple *c)
 {
     for (int k = 0; k < c->count; k++)
-        if (!ndli_line_factor(c->lines[k]))
+        if (!ndli_line_factor(c->lines[k], c->matrix))
             return 0;
     return 1;
+}
+
+/* The rods at their shape at the start of the step. */
+static sb_result ndli_couple_linearise(const ndli_couple *c, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
+        int bad = ndli_line_linearise(c->lines[k], step);
+        if (bad >= 0)
+            return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
+        ndli_line_start(c->lines[k], c->guest.unknown + at.unknown);
+    }
+    return SB_OK;
+}
+
+static sb_result ndli_couple_begin(void *user, const sbi_guest_step *step, sb_error *error)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    sb_result result = step->iteration == 0 ? ndli_couple_linearise(c, step, error) : SB_OK;
+    if (result != SB_OK)
+        return result;
+    c->matrix = step->matrix;
+    if (!ndli_couple_factor(c))
+        return sbi_fail(error, SB_ERROR_INDEFINITE, "the needles' matrix is not positive definite");
+    return SB_OK;
+}
+
+static void ndli_couple_commit(void *user, const double *x)
+{
+    ndli_couple *c = (ndli_couple *)user;
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
 }
 
 /* ---- friction states ---- */
@@ -83,11 +108,12 @@ static int ndli_couple_wanted(const ndli_line *line, int i)
     return NDL_STATIC;
 }
 
-static int ndli_couple_count_wrong(const ndli_couple *c)
+static int ndli_couple_count_wrong(const ndli_couple *c, const double *x)
 {
+    ndli_couple_part at = ndli_couple_first(c);
     int wrong = 0;
-    for (int k = 0; k < c->count; k++) {
-        ndli_line_read(c->lines[k]);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++) {
+        ndli_line_read(c->lines[k], x + at.unknown, x + at.nodes);
         for (int i = c->lines[k]->first; i <= ndli_line_foremost(c->lines[k]); i++)
             wrong += ndli_couple_wanted(c->lines[k], i) != c->lines[k]->state[i];
     }
@@ -108,108 +134,65 @@ static void ndli_couple_flip(const ndli_couple *c, int all)
         }
 }
 
-/* ---- solve ---- */
-
-/* The first guess: accelerations of the tissue `factor` times the last ones, and rods moved in what that makes of it:
- * their stiffness, a million times the tissue's, is then no part of the residual. */
-static void ndli_couple_guess(const ndli_couple *c, ndli_solid_cg *cg, sb_real factor)
+/* Nodes that stick have no slip. */
+static void ndli_couple_stop(const ndli_couple *c)
 {
-    ndl_tissue *t = c->tissue;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        t->unknown[i] = t->role[i] == NDLI_ROW_FREE ? sb_v3_scale(factor, t->before[i]) : sb_v3(0, 0, 0);
-    for (int k = 0; k < c->count; k++)
-        memset(c->lines[k]->unknown, 0, (size_t)c->lines[k]->rod->node_count * sizeof *c->lines[k]->unknown);
-    ndli_solid_cg_residual(cg);
-    for (int k = 0; k < c->count; k++) {
-        ndli_line_precondition(c->lines[k]);
-        ndli_line_guess(c->lines[k]);
-    }
-    ndli_solid_cg_begin(cg);
+    ndli_couple_part at = ndli_couple_first(c);
+    for (int k = 0; k < c->count; at = ndli_couple_next(c, at, k), k++)
+        for (int i = 0; i < c->lines[k]->rod->node_count; i++)
+            if (!ndli_line_is_slipping(c->lines[k], i))
+                c->guest.unknown[at.unknown + NDLI_LINE_UNKNOWNS * (size_t)i + 3] = 0;
 }
 
-/* 1 when the residual pulls against the last accelerations. */
-static int ndli_couple_turns_back(const ndl_tissue *t)
+/* 1: states have changed, and the solve goes on. */
+static int ndli_couple_settle(void *user, const double *x)
 {
-    double sum = 0;
-    for (int i = 0; i < t->mesh.node_end; i++)
-        if (t->role[i] == NDLI_ROW_FREE)
-            sum += (double)sb_v3_dot(t->before[i], t->residual[i]);
-    return sum < 0;
+    ndli_couple *c = (ndli_couple *)user;
+    int wrong = ndli_couple_count_wrong(c, x);
+    c->info.consistent = !wrong;
+    if (!wrong || c->info.trials >= c->max_trials)
+        return 0;
+    c->stalled = wrong < c->fewest ? 0 : c->stalled + 1;
+    c->fewest = sbi_min_int(c->fewest, wrong);
+    ndli_couple_flip(c, c->stalled < 3);
+    ndli_couple_stop(c);
+    c->info.trials++;
+    c->indefinite = !ndli_couple_factor(c);
+    return !c->indefinite;
 }
 
-/* Starts from the better guess; returns the size of the residual from rest, which tolerances are relative to.
- * Newmark's average acceleration turns accelerations of what is too stiff for the step round from step to step, and
- * nothing moves by them. A needle that cuts and slips always leaves some, far more than what is new in a step. */
-static double ndli_couple_start(const ndli_couple *c, ndli_solid_cg *cg)
-{
-    double first;
-    ndli_couple_guess(c, cg, 0);
-    first = cg->rz;
-    if (!ndli_couple_turns_back(c->tissue))
-        return first;
-    ndli_couple_guess(c, cg, -1);
-    if (!(cg->rz < first))
-        ndli_couple_guess(c, cg, 0);
-    return first;
-}
+/* ---- the guest ---- */
 
-/* Headway of the pivoting: how many were contradicted at best, and for how many trials it has not been fewer. */
-typedef struct ndli_couple_progress {
-    int fewest, stalled;
-} ndli_couple_progress;
-
-static sb_result ndli_couple_try(const ndli_couple *c, ndli_solid_cg *cg, double first, int max_trials,
-                                 ndl_couple_info *info, sb_error *error)
+NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
+                                  double *unknown, int *nodes)
 {
-    double enough = (double)c->tissue->tolerance * (double)c->tissue->tolerance * first;
-    ndli_couple_progress progress = {0x7fffffff, 0};
-    for (;;) {
-        /* where states hang on little (a needle at rest), what a solve leaves open would turn them over and back */
-        double target = info->trials > 2 ? 0.01 * enough : enough;
-        sb_result result = ndli_solid_cg_run(cg, target, error);
-        int wrong = result == SB_OK ? ndli_couple_count_wrong(c) : 0;
-        info->consistent = !wrong;
-        if (result != SB_OK || !wrong || info->trials >= max_trials)
-            return result;
-        progress.stalled = wrong < progress.fewest ? 0 : progress.stalled + 1;
-        progress.fewest = sbi_min_int(progress.fewest, wrong);
-        ndli_couple_flip(c, progress.stalled < 3);
-        info->trials++;
-        if (!ndli_couple_factor(c))
-            return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
-        ndli_solid_cg_begin(cg);
-    }
-}
-
-NDLI_API sb_result ndli_couple_solve(ndl_tissue *tissue, ndli_line *const *lines, int count, double dt, int max_trials,
-                                     ndl_couple_info *info, sb_error *error)
-{
-    ndli_couple c;
-    ndli_solid_guest guest = {&c, ndli_couple_begin, ndli_couple_settle, ndli_couple_direct, ndli_couple_multiply,
-                              ndli_couple_advance, ndli_couple_precondition};
-    ndli_solid_cg cg = {tissue, &guest, 0, 0, 0};
-    sb_result result;
-    double first;
-    c.tissue = tissue;
-    c.lines = lines;
-    c.count = count;
-    memset(info, 0, sizeof *info);
+    memset(couple, 0, sizeof *couple);
+    couple->lines = lines;
+    couple->count = count;
+    couple->max_trials = max_trials;
+    couple->info.trials = 1;
+    couple->fewest = 0x7fffffff;
+    couple->guest.user = couple;
+    couple->guest.unknown = unknown;
+    couple->guest.nodes = nodes;
     for (int k = 0; k < count; k++) {
-        int bad = ndli_line_linearise(lines[k], dt);
-        if (bad >= 0)
-            return sbi_fail_node(error, SB_ERROR_DIVERGED, bad, "needle %d is folded at its node %d", k, bad);
+        couple->guest.unknown_count += ndli_line_unknown_count(lines[k]);
+        ndli_line_keep_contact(lines[k]);
+        for (int i = 0; i < lines[k]->count; i++)
+            nodes[couple->guest.node_count++] = lines[k]->path[i];
     }
-    if (!ndli_couple_factor(&c))
+    couple->guest.taken_count = couple->guest.node_count;
+    couple->guest.residual = ndli_couple_residual;
+    couple->guest.multiply = ndli_couple_multiply;
+    couple->guest.precondition = ndli_couple_precondition;
+    couple->guest.begin = ndli_couple_begin;
+    couple->guest.settle = ndli_couple_settle;
+    couple->guest.commit = ndli_couple_commit;
+}
+
+NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
+{
+    if (couple->indefinite)
         return sbi_fail(error, SB_ERROR_DIVERGED, "the needles' matrix is not positive definite");
-    first = ndli_couple_start(&c, &cg);
-    info->trials = 1;
-    result = ndli_couple_try(&c, &cg, first, max_trials, info, error);
-    if (result != SB_OK)
-        return result;
-    for (int k = 0; k < count; k++)
-        ndli_line_read(lines[k]);
-    info->iterations = cg.iterations;
-    info->capped = cg.iterations >= tissue->max_iterations;
-    info->residual = first > 0 && cg.rz > 0 ? (sb_real)sqrt(cg.rz / first) : 0;
     return SB_OK;
 }

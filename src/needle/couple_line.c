@@ -11,27 +11,22 @@ static void ndli_line_layout(ndli_line *line, sbi_arena *arena)
 {
     size_t n = (size_t)line->capacity;
     ndli_v3 **vectors[] = {&line->move, &line->contact, &line->reaction, &line->tangent,
-                           &line->known, &line->load, &line->motion, &line->force};
+                           &line->load, &line->before, &line->motion, &line->force};
     double **reals[] = {&line->friction, &line->viscous, &line->slip};
-    ndli_line_unknown **unknowns[] = {&line->unknown, &line->residual, &line->search, &line->product,
-                                      &line->correction};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
     for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
         *reals[i] = (double *)sbi_arena_take(arena, n, sizeof(double));
-    for (size_t i = 0; i < sizeof unknowns / sizeof *unknowns; i++)
-        *unknowns[i] = (ndli_line_unknown *)sbi_arena_take(arena, n, sizeof(ndli_line_unknown));
     line->band = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * (NDLI_LINE_WIDTH + 1) * sizeof(double));
     line->right = (double *)sbi_arena_take(arena, n, NDLI_LINE_UNKNOWNS * sizeof(double));
     line->state = (unsigned char *)sbi_arena_take(arena, n, 1);
 }
 
-NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, ndl_tissue *tissue, const sb_allocator *allocator)
+NDLI_API int ndli_line_create(ndli_line *line, ndl_rod *rod, const sb_allocator *allocator)
 {
     sbi_arena arena = {NULL, 0, 0};
     memset(line, 0, sizeof *line);
     line->rod = rod;
-    line->tissue = tissue;
     line->capacity = rod->capacity;
     line->first = rod->node_count;
     line->allocator = *allocator;
@@ -59,13 +54,6 @@ static int ndli_line_is_coupled(const ndli_line *line, int i)
     return i >= line->first && i < line->first + line->count;
 }
 
-/* Tissue node of a coupled rod node when its accelerations are unknowns, else -1. */
-static int ndli_line_partner(const ndli_line *line, int i)
-{
-    int node = ndli_line_is_coupled(line, i) ? line->path[i - line->first] : -1;
-    return node >= 0 && line->tissue->role[node] == NDLI_ROW_COUPLED ? node : -1;
-}
-
 /* Along which a node may slip: between its edges, at the tip the last one. */
 static void ndli_line_set_tangents(ndli_line *line)
 {
@@ -79,28 +67,8 @@ static void ndli_line_set_tangents(ndli_line *line)
     }
 }
 
-/* Where nodes go without their unknowns. */
-static void ndli_line_set_known(ndli_line *line)
-{
-    const ndl_rod *rod = line->rod;
-    const ndl_tissue *t = line->tissue;
-    const ndli_solid_scheme *s = &t->scheme;
-    for (int i = 0; i < rod->node_count; i++) {
-        line->known[i] = ndli_scale(line->dt, rod->v[i]);
-        if (rod->held[i]) {
-            line->known[i] = ndli_sub(rod->target[i], rod->x[i]);
-        } else if (ndli_line_is_coupled(line, i)) {
-            int node = line->path[i - line->first];
-            sb_vec3 way = sb_v3_scale(s->dt, sb_v3_madd(t->mesh.v[node], s->dt * s->c0, t->before[node]));
-            if (t->role[node] == NDLI_ROW_HELD)
-                way = sb_v3_sub(t->target[node], t->mesh.x[node]);
-            line->known[i] = ndli_from(way);
-        }
-    }
-}
-
-/* force = kappa H motion, by the lower half of H. */
-static void ndli_line_apply(const ndli_line *line, const ndli_v3 *motion, ndli_v3 *force)
+/* force = H motion, by the lower half of H. */
+static void ndli_line_press(const ndli_line *line, const ndli_v3 *motion, ndli_v3 *force)
 {
     for (int i = 0; i < line->rod->node_count; i++) {
         const ndli_m3 *row = line->rod->matrix.node[i];
@@ -112,44 +80,47 @@ static void ndli_line_apply(const ndli_line *line, const ndli_v3 *motion, ndli_v
     }
 }
 
-/* H = M/dt^2 + C/dt + K with its elastic part safe: positive definite. It is scaled by kappa, so that it acts on
- * accelerations as the tissue's matrix does. */
+/* H = M/dt^2 + C/dt + K with its elastic part safe: positive definite. */
 static void ndli_line_set_matrix(ndli_line *line)
 {
     ndl_rod *rod = line->rod;
     ndli_rod_derivatives(rod, NDLI_ROD_NO_TWIST, rod->gradient, rod->turn_gradient, &rod->matrix);
     ndli_rod_set_damping_shape(rod);
     ndli_rod_add_damping_matrix(rod, 1 / line->dt, &rod->matrix);
-    for (int i = 0; i < rod->node_count; i++) {
+    for (int i = 0; i < rod->node_count; i++)
         ndli_m_add_identity(&rod->matrix.node[i][0], rod->mass[i] / (line->dt * line->dt));
-        for (int k = 0; k <= 2; k++)
-            for (int c = 0; c < 9; c++)
-                rod->matrix.node[i][k].m[c / 3][c % 3] *= line->kappa;
-    }
 }
 
-NDLI_API int ndli_line_linearise(ndli_line *line, double dt)
+NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step)
 {
     ndl_rod *rod = line->rod;
-    const ndli_solid_scheme *s = &line->tissue->scheme;
-    size_t n = (size_t)rod->node_count;
     int bad = ndli_rod_set_shape(rod, rod->x, rod->theta);
     if (bad >= 0)
         return bad;
-    line->dt = dt;
-    line->kappa = (double)s->dt * (double)s->dt * (double)s->beta;
+    line->dt = step->dt;
+    line->level = step->level;
     ndli_line_set_tangents(line);
-    ndli_line_set_known(line);
     ndli_line_set_matrix(line);
-    ndli_line_apply(line, line->known, line->force);
-    for (size_t i = 0; i < n; i++) {
-        ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / dt, rod->v[i]));
-        load = ndli_sub(load, rod->gradient[i]);
-        line->load[i] = ndli_madd(load, -1 / line->kappa, line->force[i]);
+    for (int i = 0; i < rod->node_count; i++) {
+        ndli_v3 load = ndli_madd(rod->force[i], rod->mass[i], ndli_madd(rod->gravity, 1 / line->dt, rod->v[i]));
+        line->load[i] = ndli_sub(load, rod->gradient[i]);
     }
-    memset(line->unknown, 0, n * sizeof *line->unknown);
-    memset(line->search, 0, n * sizeof *line->search);
     return -1;
+}
+
+NDLI_API void ndli_line_keep_contact(ndli_line *line)
+{
+    memcpy(line->before, line->contact, (size_t)line->rod->node_count * sizeof *line->before);
+}
+
+NDLI_API void ndli_line_start(const ndli_line *line, double *unknown)
+{
+    const ndl_rod *rod = line->rod;
+    for (int i = 0; i < rod->node_count; i++, unknown += NDLI_LINE_UNKNOWNS) {
+        int moves = !rod->held[i] && !ndli_line_is_coupled(line, i);
+        ndli_v3 way = moves ? ndli_scale(line->level * line->dt, rod->v[i]) : ndli_v(0, 0, 0);
+        unknown[0] = way.x, unknown[1] = way.y, unknown[2] = way.z, unknown[3] = 0;
+    }
 }
 
 /* Force (N) on node i along its tangent that is known beforehand: friction while it slips. */
@@ -159,104 +130,67 @@ static double ndli_line_drag(const ndli_line *line, int i)
     return -sign * ndli_line_limit(line, i, sign);
 }
 
-/* Viscous friction per unit of alpha (N). */
-static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] * line->kappa / line->dt; }
+/* Viscous friction per slip (N/m). */
+static double ndli_line_viscosity(const ndli_line *line, int i) { return line->viscous[i] / line->dt; }
 
-/* ---- the guest ---- */
-
-/* motion = what `unknown` moves, before kappa; on coupled rows with the tissue's vector. */
-static void ndli_line_expand(ndli_line *line, const ndli_line_unknown *unknown, const sb_vec3 *tissue)
+static ndli_v3 ndli_line_at(const double *vectors, int stride, int i)
 {
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        if (line->rod->held[i])
-            line->motion[i] = ndli_v(0, 0, 0);
-        else if (!ndli_line_is_coupled(line, i))
-            line->motion[i] = ndli_v(unknown[i][0], unknown[i][1], unknown[i][2]);
-        else
-            line->motion[i] = ndli_madd(partner < 0 ? ndli_v(0, 0, 0) : ndli_from(tissue[partner]), unknown[i][3],
-                                        line->tangent[i]);
-    }
+    const double *v = vectors + (size_t)stride * (size_t)i;
+    return ndli_v(v[0], v[1], v[2]);
 }
 
-NDLI_API void ndli_line_begin(ndli_line *line)
+static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
+{
+    double *out = vectors + (size_t)stride * (size_t)i;
+    out[0] = v.x, out[1] = v.y, out[2] = v.z;
+}
+
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
+ * way. */
+static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 load = line->load[i];
-        int partner = ndli_line_partner(line, i), slips = ndli_line_is_slipping(line, i);
-        double *r = line->residual[i];
-        r[0] = r[1] = r[2] = r[3] = 0;
-        if (!slips)
-            line->unknown[i][3] = 0;
-        if (partner >= 0)
-            line->tissue->residual[partner] = sb_v3_add(line->tissue->residual[partner], ndli_to(load));
-        if (ndli_line_is_coupled(line, i))
-            r[3] = slips ? ndli_dot(line->tangent[i], load) + ndli_line_drag(line, i) : 0;
-        else if (!rod->held[i])
-            r[0] = load.x, r[1] = load.y, r[2] = load.z;
+        int coupled = ndli_line_is_coupled(line, i);
+        ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
+        if (coupled && ndli_line_is_slipping(line, i))
+            way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
+        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
+                                       : ndli_scale(1 / line->level, way);
     }
-    memcpy(line->search, line->unknown, (size_t)rod->node_count * sizeof *line->search);
 }
 
-/* y += s x */
-static void ndli_line_add(const ndli_line *line, ndli_line_unknown *y, double s, const ndli_line_unknown *x)
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
+                              double *out_nodes)
 {
-    for (int i = 0; i < line->rod->node_count; i++)
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            y[i][c] += s * x[i][c];
-}
-
-NDLI_API void ndli_line_settle(ndli_line *line)
-{
-    ndli_line_add(line, line->residual, -1, (const ndli_line_unknown *)line->product);
-}
-
-NDLI_API void ndli_line_direct(ndli_line *line, double factor)
-{
-    for (int i = 0; i < line->rod->node_count; i++)
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            line->search[i][c] = line->correction[i][c] + factor * line->search[i][c];
-}
-
-NDLI_API void ndli_line_advance(ndli_line *line, double factor)
-{
-    ndli_line_add(line, line->unknown, factor, (const ndli_line_unknown *)line->search);
-    ndli_line_add(line, line->residual, -factor, (const ndli_line_unknown *)line->product);
-}
-
-NDLI_API double ndli_line_multiply(ndli_line *line)
-{
-    ndl_tissue *t = line->tissue;
-    double sum = 0;
-    ndli_line_expand(line, (const ndli_line_unknown *)line->search, t->search);
-    ndli_line_apply(line, line->motion, line->force);
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        double *q = line->product[i];
-        q[0] = q[1] = q[2] = q[3] = 0;
-        if (partner >= 0)
-            t->product[partner] = sb_v3_add(t->product[partner], ndli_to(line->force[i]));
-        if (!ndli_line_is_coupled(line, i)) {
-            if (!line->rod->held[i])
-                q[0] = line->force[i].x, q[1] = line->force[i].y, q[2] = line->force[i].z;
-        } else if (ndli_line_is_slipping(line, i)) {
-            double along = ndli_line_viscosity(line, i) * line->search[i][3];
-            q[3] = ndli_dot(line->tangent[i], line->force[i]) + along;
-            sum += along * line->search[i][3];
+    const ndl_rod *rod = line->rod;
+    memset(out_unknown, 0, (size_t)ndli_line_unknown_count(line) * sizeof *out_unknown);
+    ndli_line_expand(line, loads, unknown, nodes);
+    ndli_line_press(line, line->motion, line->force);
+    for (int i = 0; i < rod->node_count; i++) {
+        int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
+        ndli_v3 row = loads ? ndli_sub(line->load[i], line->force[i]) : line->force[i];
+        double along = ndli_dot(line->tangent[i], row);
+        if (slips) {
+            double viscous = ndli_line_viscosity(line, i) * unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level;
+            along += loads ? ndli_line_drag(line, i) - viscous : viscous;
+            out_unknown[NDLI_LINE_UNKNOWNS * i + 3] = line->level * along;
         }
-        sum += ndli_dot(line->motion[i], line->force[i]);
+        row = ndli_scale(line->level, row);
+        if (coupled)
+            ndli_line_put(out_nodes, 3, i - line->first, loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
+        else if (!rod->held[i])
+            ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, i, row);
     }
-    return sum;
 }
 
 /* ---- the rod's block ---- */
 
-/* Displacements of node i by its unknowns: u = [first, along] (a or z, alpha). */
+/* Displacements of node i by its unknowns: [first, along] (u or z, alpha). */
 typedef struct ndli_line_map {
-    int moves;     /* 1: the first three are unknowns, */
+    int moves[3];  /* 1: the component is an unknown, */
     int slips;     /* 1: the fourth is */
-    int partner;   /* the tissue's node of the first three, or -1 */
+    int node;      /* the body's node of the first three, or -1 */
     ndli_v3 along;
 } ndli_line_map;
 
@@ -264,58 +198,53 @@ static ndli_line_map ndli_line_get_map(const ndli_line *line, int i)
 {
     ndli_line_map map;
     int coupled = ndli_line_is_coupled(line, i);
-    map.partner = ndli_line_partner(line, i);
-    map.moves = coupled ? map.partner >= 0 : !line->rod->held[i];
+    map.node = coupled ? line->path[i - line->first] : -1;
+    for (int c = 0; c < 3; c++)
+        map.moves[c] = coupled ? !(line->matrix->fixed[map.node] >> c & 1) : !line->rod->held[i];
     map.slips = coupled && ndli_line_is_slipping(line, i);
     map.along = line->tangent[i];
     return map;
 }
 
-static ndli_m3 ndli_line_from_mat3(const sb_mat3 *a)
+/* out += the block of the body's matrix between the nodes of two rod nodes. */
+static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b, ndli_m3 *out)
 {
-    ndli_m3 out;
-    for (int c = 0; c < 9; c++)
-        out.m[c / 3][c % 3] = (double)a->m[c / 3][c % 3];
-    return out;
+    int place = a->node >= 0 && b->node >= 0 ? sb_matrix_find(line->matrix, a->node, b->node) : -1;
+    for (int c = 0; place >= 0 && c < 9; c++)
+        out->m[c / 3][c % 3] += (double)line->matrix->blocks[place][c];
 }
 
-/* A block of the tissue's matrix between the partners of two nodes. */
-static ndli_m3 ndli_line_tissue_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b)
-{
-    sb_mat3 block = sb_m3_zero();
-    if (a->partner >= 0 && a->partner == b->partner)
-        block = ndli_solid_node_block(line->tissue, a->partner);
-    else if (a->partner >= 0 && b->partner >= 0)
-        ndli_solid_edge_block(line->tissue, a->partner, b->partner, &block);
-    return ndli_line_from_mat3(&block);
-}
-
-/* Rows of node i against columns of node i - k: the rod's block seen through the maps, and the tissue's. */
+/* Rows of node i against columns of node i - k: the rod's block seen through the maps, and the body's. */
 static void ndli_line_block(const ndli_line *line, int i, int k, double out[NDLI_LINE_UNKNOWNS][NDLI_LINE_UNKNOWNS])
 {
     ndli_line_map a = ndli_line_get_map(line, i), b = ndli_line_get_map(line, i - k);
-    const ndli_m3 *h = &line->rod->matrix.node[i][k];
-    ndli_m3 tissue = ndli_line_tissue_block(line, &a, &b);
-    ndli_v3 right = ndli_m_apply(h, b.along), left = ndli_m_tapply(h, a.along);
+    ndli_m3 h = ndli_m_zero(), both;
+    ndli_v3 right, left;
+    ndli_m_add(&h, 1, &line->rod->matrix.node[i][k]); /* forces count with the level, ways with its inverse */
+    both = h;
+    ndli_line_add_body_block(line, &a, &b, &both);
+    right = ndli_m_apply(&h, b.along);
+    left = ndli_m_tapply(&h, a.along);
     memset(out, 0, NDLI_LINE_UNKNOWNS * sizeof *out);
     for (int r = 0; r < 3; r++) {
-        for (int c = 0; c < 3 && a.moves && b.moves; c++)
-            out[r][c] = h->m[r][c] + tissue.m[r][c];
-        out[r][3] = a.moves && b.slips ? ndli_component(right, r) : 0;
-        out[3][r] = a.slips && b.moves ? ndli_component(left, r) : 0;
+        for (int c = 0; c < 3; c++)
+            out[r][c] = a.moves[r] && b.moves[c] ? both.m[r][c] : 0;
+        out[r][3] = a.moves[r] && b.slips ? ndli_component(right, r) : 0;
+        out[3][r] = a.slips && b.moves[r] ? ndli_component(left, r) : 0;
     }
     out[3][3] = a.slips && b.slips ? ndli_dot(a.along, right) : 0;
     if (k == 0) {
         out[3][3] += a.slips ? ndli_line_viscosity(line, i) : 1;
-        for (int r = 0; r < 3 && !a.moves; r++)
-            out[r][r] = 1;
+        for (int r = 0; r < 3; r++)
+            out[r][r] += a.moves[r] ? 0 : 1;
     }
 }
 
-NDLI_API int ndli_line_factor(ndli_line *line)
+NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
 {
     enum { N = NDLI_LINE_UNKNOWNS, STRIDE = NDLI_LINE_WIDTH + 1 };
     int n = N * line->rod->node_count;
+    line->matrix = matrix;
     memset(line->band, 0, (size_t)n * STRIDE * sizeof(double));
     for (int i = 0; i < line->rod->node_count; i++)
         for (int k = 0; k <= 2 && k <= i; k++) {
@@ -329,69 +258,39 @@ NDLI_API int ndli_line_factor(ndli_line *line)
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }
 
-/* right = the block's inverse times the residuals of its rows. */
-static void ndli_line_solve_block(ndli_line *line)
+NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
+                                    double *out_nodes)
 {
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        double *b = line->right + NDLI_LINE_UNKNOWNS * i;
-        memcpy(b, line->residual[i], sizeof line->residual[i]);
-        if (partner >= 0) {
-            ndli_v3 r = ndli_from(line->tissue->residual[partner]);
-            b[0] = r.x, b[1] = r.y, b[2] = r.z;
-        }
-    }
-    ndli_band_solve(line->band, NDLI_LINE_UNKNOWNS * line->rod->node_count, NDLI_LINE_WIDTH, line->right);
-}
-
-NDLI_API double ndli_line_precondition(ndli_line *line)
-{
-    double sum = 0;
-    ndli_line_solve_block(line);
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        const double *z = line->right + NDLI_LINE_UNKNOWNS * i;
-        memcpy(line->correction[i], z, sizeof line->correction[i]);
-        if (partner >= 0) {
-            ndli_v3 a = ndli_v(z[0], z[1], z[2]);
-            line->tissue->correction[partner] = ndli_to(a);
-            sum += ndli_dot(a, ndli_from(line->tissue->residual[partner]));
-            memset(line->correction[i], 0, 3 * sizeof(double));
-        }
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            sum += line->correction[i][c] * line->residual[i][c];
-    }
-    return sum;
-}
-
-NDLI_API void ndli_line_guess(ndli_line *line)
-{
-    for (int i = 0; i < line->rod->node_count; i++) {
-        int partner = ndli_line_partner(line, i);
-        for (int c = 0; c < NDLI_LINE_UNKNOWNS; c++)
-            line->unknown[i][c] += line->correction[i][c];
-        if (partner >= 0)
-            line->tissue->unknown[partner] =
-                sb_v3_add(line->tissue->unknown[partner], line->tissue->correction[partner]);
+    double *right = line->right;
+    size_t bytes = (size_t)ndli_line_unknown_count(line) * sizeof(double);
+    memcpy(right, unknown, bytes);
+    for (int k = 0; k < line->count; k++)
+        ndli_line_put(right, NDLI_LINE_UNKNOWNS, line->first + k, ndli_line_at(nodes, 3, k));
+    ndli_band_solve(line->band, ndli_line_unknown_count(line), NDLI_LINE_WIDTH, right);
+    memcpy(out_unknown, right, bytes);
+    for (int k = 0; k < line->count; k++) {
+        ndli_line_put(out_nodes, 3, k, ndli_line_at(right, NDLI_LINE_UNKNOWNS, line->first + k));
+        ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, line->first + k, ndli_v(0, 0, 0));
     }
 }
 
 /* ---- results ---- */
 
-NDLI_API void ndli_line_read(ndli_line *line)
+NDLI_API void ndli_line_read(ndli_line *line, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
-    ndli_line_expand(line, (const ndli_line_unknown *)line->unknown, line->tissue->unknown);
-    ndli_line_apply(line, line->motion, line->force);
+    ndli_line_expand(line, 1, unknown, nodes);
+    ndli_line_press(line, line->motion, line->force);
     for (int i = 0; i < rod->node_count; i++) {
         ndli_v3 balance = ndli_sub(line->force[i], line->load[i]), none = ndli_v(0, 0, 0);
-        int coupled = ndli_line_is_coupled(line, i);
-        if (coupled && ndli_line_is_slipping(line, i)) { /* its friction is known better than the rows' residual */
-            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * line->unknown[i][3];
+        int coupled = ndli_line_is_coupled(line, i), slips = coupled && ndli_line_is_slipping(line, i);
+        double slip = slips ? unknown[NDLI_LINE_UNKNOWNS * i + 3] / line->level : 0;
+        if (slips) { /* its friction is known better than the rows' residual */
+            double along = ndli_line_drag(line, i) - ndli_line_viscosity(line, i) * slip;
             balance = ndli_madd(balance, along - ndli_dot(line->tangent[i], balance), line->tangent[i]);
         }
-        line->move[i] = ndli_madd(line->known[i], line->kappa, line->motion[i]);
-        line->slip[i] = coupled ? line->kappa * line->unknown[i][3] : 0;
+        line->move[i] = line->motion[i];
+        line->slip[i] = slip;
         line->contact[i] = coupled ? balance : none;
         line->reaction[i] = rod->held[i] ? balance : none;
     }

@@ -5,16 +5,18 @@
 #define NDL_IMAGE_H
 
 #include "../softbody/body/state.h"
+#include "../softbody/body/state_part.h"
 #include "api.h"
 
 #include <string.h>
 
 enum { NDLI_IMAGE_VERSION = 1, NDLI_IMAGE_ORDER = 0x01020304 };
 
-/* Neither in nor out: measures. */
+/* None of the three: measures. */
 typedef struct ndli_image {
     unsigned char *out;
     const unsigned char *in;
+    sbi_state_out *state; /* of a body that the object is a part of */
     size_t used;
     int overflow;
 } ndli_image;
@@ -31,6 +33,11 @@ SB_INLINE size_t ndli_image_part(ndli_image *image, void *array, size_t count, s
         return at;
     }
     room = ndli_image_room(bytes);
+    if (image->state) {
+        static const unsigned char zeros[8] = {0};
+        sbi_state_put(image->state, array, bytes);
+        sbi_state_put(image->state, zeros, room - bytes);
+    }
     if (image->in && bytes)
         memcpy(array, image->in + at, bytes);
     if (image->out) {

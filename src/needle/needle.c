@@ -1,83 +1,10 @@
-/* needle: making, reading and releasing needles; the site that those of one tissue share. */
+/* needle: making and releasing needles. */
 #include "needle_private.h"
 
+#include "../softbody/body/body_guest.h"
+
+#include <limits.h>
 #include <string.h>
-
-/* ---- the site ---- */
-
-static double ndli_site_mean_edge(const ndl_tissue *t)
-{
-    double sum = 0;
-    int count = 0;
-    for (int e = 0; e < t->edge_end; e++) {
-        const int *n = t->edge_nodes + 2 * (size_t)e;
-        if (n[0] < 0)
-            continue;
-        sum += (double)sb_v3_norm(sb_v3_sub(t->mesh.X[n[0]], t->mesh.X[n[1]]));
-        count++;
-    }
-    return sum / count;
-}
-
-static void ndli_site_free(ndl_tissue *tissue)
-{
-    struct ndli_site *site = tissue->site;
-    ndl_remesh_destroy(site->remesh);
-    sbi_free(&tissue->allocator, site->coupled);
-    sbi_free(&tissue->allocator, site->undo);
-    sbi_free(&tissue->allocator, site);
-    tissue->site = NULL;
-}
-
-static sb_result ndli_site_make(ndl_tissue *tissue, sb_error *error)
-{
-    ndl_remesh_def def = ndl_default_remesh_def();
-    struct ndli_site *site;
-    sb_result result;
-    if (tissue->site)
-        return SB_OK;
-    site = (struct ndli_site *)sbi_alloc_zeroed(&tissue->allocator, 1, sizeof *site);
-    if (!site)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a tissue");
-    def.tissue = &tissue->mesh;
-    def.max_needles = NDL_MAX_NEEDLES;
-    def.allocator = tissue->allocator;
-    result = ndl_remesh_create(&def, &site->remesh, error);
-    if (result != SB_OK) {
-        sbi_free(&tissue->allocator, site);
-        return result;
-    }
-    site->mean_edge = ndli_site_mean_edge(tissue);
-    tissue->site = site;
-    return SB_OK;
-}
-
-static int ndli_site_free_index(const struct ndli_site *site)
-{
-    int index = 0;
-    while (site->needles[index])
-        index++;
-    return index;
-}
-
-/* Room for the coupled nodes of all needles and one more. */
-static int ndli_site_reserve(ndl_tissue *tissue, int more)
-{
-    struct ndli_site *site = tissue->site;
-    size_t room = (size_t)more;
-    int *grown;
-    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
-        room += site->needles[i] ? (size_t)site->needles[i]->rod->capacity : 0;
-    if (room <= site->coupled_room)
-        return 1;
-    grown = (int *)sbi_alloc(&tissue->allocator, room, sizeof(int));
-    if (!grown)
-        return 0;
-    sbi_free(&tissue->allocator, site->coupled); /* holds nothing between steps */
-    site->coupled = grown;
-    site->coupled_room = room;
-    return 1;
-}
 
 /* ---- definition ---- */
 
@@ -144,8 +71,10 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
     sb_result result;
     if (def->cookie != NDLI_NEEDLE_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def was not made by ndl_default_needle_def");
-    if (!def->tissue)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
+    if (!sbi_body_is_implicit(def->body))
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles need implicit steps: the body's integrator is explicit");
     if (!sb_v3_is_finite(def->base) || !sb_v3_is_finite(def->direction) || !sb_v3_is_finite(def->director) ||
         !sb_v3_is_finite(def->gravity))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "base, direction, director or gravity is not finite");
@@ -168,6 +97,56 @@ static sb_result ndli_needle_check(const ndl_needle_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_trials is %d", def->max_trials);
     result = ndli_needle_check_frictions(def, error);
     return result == SB_OK ? ndli_needle_check_membranes(def, error) : result;
+}
+
+/* ---- the site ---- */
+
+/* The remesher's part of the state comes first: its name does, too. */
+static sb_result ndli_site_fill(struct ndli_site *site, sb_error *error)
+{
+    ndl_remesh_def def = ndl_default_remesh_def();
+    sbi_state_part part = ndli_site_part(site);
+    sb_result result;
+    part.replay = ndli_needle_replay;
+    def.allocator = site->allocator;
+    def.body = site->body;
+    def.max_needles = NDL_MAX_NEEDLES;
+    result = ndl_remesh_create(&def, &site->remesh, error);
+    if (result != SB_OK)
+        return result;
+    site->mesh = ndli_remesh_topology(site->remesh);
+    site->mean_edge = ndli_site_mean_edge(site->mesh);
+    result = ndli_site_listen(site, error);
+    return result == SB_OK ? sbi_body_join(site->body, &part, error) : result;
+}
+
+static void ndli_site_end(struct ndli_site *site)
+{
+    ndli_site_leave(site);
+    ndli_site_free(site);
+}
+
+/* The site of a body, made if there is none yet. */
+static sb_result ndli_site_make(sb_body *body, struct ndli_site **site, sb_error *error)
+{
+    const sb_allocator *allocator = sbi_body_allocator(body);
+    struct ndli_site *made = ndli_needle_site(body);
+    sb_result result;
+    if (made) {
+        *site = made;
+        return ndli_remesh_look(made->remesh, error);
+    }
+    made = (struct ndli_site *)sbi_alloc_zeroed(allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the needles of a body");
+    made->body = body;
+    made->allocator = *allocator;
+    result = ndli_site_fill(made, error);
+    if (result != SB_OK)
+        ndli_site_end(made);
+    else
+        *site = made;
+    return result;
 }
 
 /* ---- creation ---- */
@@ -246,7 +225,7 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
     arena.base = (unsigned char *)needle->memory;
     arena.used = 0;
     ndli_needle_layout(needle, def, &arena);
-    if (!ndli_line_create(&needle->line, needle->rod, def->tissue, &def->allocator))
+    if (!ndli_line_create(&needle->line, needle->rod, &def->allocator))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     needle->line.path = needle->path;
     return SB_OK;
@@ -255,16 +234,16 @@ static sb_result ndli_needle_make_memory(ndl_needle *needle, const ndl_needle_de
 /* A needle begins outside: neither its tip nor a crossing of the skin is in the tissue. */
 static sb_result ndli_needle_check_outside(const ndl_needle *needle, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     sb_vec3 tip = ndli_to(rod->x[rod->node_count - 1]);
     ndl_surface_hit hit;
     for (int i = 1; i < rod->node_count; i++)
-        if (ndl_tissue_mesh_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
+        if (ndli_topology_hit(mesh, ndli_to(rod->x[i - 1]), ndli_to(rod->x[i]), &hit))
             return sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's edge %d crosses the tissue's skin already", i - 1);
     for (int t = 0; t < mesh->tet_end; t++)
         if (mesh->tets[4 * (size_t)t] >= 0)
-            return ndl_tissue_mesh_find(mesh, mesh->x, tip, t, NULL) < 0
+            return ndli_topology_find(mesh, mesh->x, tip, t, NULL) < 0
                        ? SB_OK
                        : sbi_fail(error, SB_ERROR_ARGUMENT, "the needle's tip is in the tissue already");
     return SB_OK;
@@ -286,13 +265,12 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->line.first = rod->node_count;
 }
 
-static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def, sb_error *error)
+static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def, sb_error *error)
 {
-    struct ndli_site *site = def->tissue->site;
     sb_result result;
     int bad;
     needle->allocator = def->allocator;
-    needle->tissue = def->tissue;
+    needle->site = site;
     needle->edge_length = def->edge_length > 0 ? (double)def->edge_length : site->mean_edge;
     result = ndli_needle_check_bevel(def, needle->edge_length, error);
     if (result == SB_OK)
@@ -310,10 +288,13 @@ static sb_result ndli_needle_build(ndl_needle *needle, const ndl_needle_def *def
     ndli_needle_fill(needle, def);
     needle->index = ndli_site_free_index(site);
     result = ndl_remesh_reserve(site->remesh, needle->index, def->capacity, error);
-    if (result == SB_OK && !(ndli_site_reserve(def->tissue, def->capacity) &&
-                             ndli_needle_reserve_undo(def->tissue, needle)))
+    if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
-    return result;
+    if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+    return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
+                                                    (int)site->node_room, error)
+                           : result;
 }
 
 static void ndli_needle_release(ndl_needle *needle)
@@ -329,136 +310,51 @@ static void ndli_needle_release(ndl_needle *needle)
 
 static void ndli_needle_join(ndl_needle *needle)
 {
-    struct ndli_site *site = needle->tissue->site;
-    site->needles[needle->index] = needle;
-    site->count++;
+    needle->site->needles[needle->index] = needle;
+    needle->site->count++;
 }
 
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error)
 {
+    struct ndli_site *site = NULL;
     ndl_needle *made;
     sb_result result;
     if (!def || !needle)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def or needle is NULL");
     result = ndli_needle_check(def, error);
     if (result == SB_OK)
-        result = ndli_site_make(def->tissue, error);
+        result = ndli_site_make(def->body, &site, error);
     if (result != SB_OK)
         return result;
-    if (def->tissue->site->count == NDL_MAX_NEEDLES)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the tissue has %d needles already", (int)NDL_MAX_NEEDLES);
+    if (site->count == NDL_MAX_NEEDLES)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body has %d needles already", (int)NDL_MAX_NEEDLES);
     made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    result = made ? ndli_needle_build(made, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
+        ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);
         *needle = made;
         return SB_OK;
     }
     if (made)
         ndli_needle_release(made);
-    if (def->tissue->site->count == 0)
-        ndli_site_free(def->tissue);
+    if (site->count == 0)
+        ndli_site_end(site);
     return result;
 }
 
 NDL_API void ndl_needle_destroy(ndl_needle *needle)
 {
-    ndl_tissue *tissue;
+    struct ndli_site *site;
     if (!needle)
         return;
-    tissue = needle->tissue;
-    ndl_remesh_withdraw(tissue->site->remesh, needle->index, NULL, NULL);
-    tissue->site->needles[needle->index] = NULL;
-    if (--tissue->site->count == 0)
-        ndli_site_free(tissue);
+    site = needle->site;
+    ndli_needle_tell_life(needle, NDLI_COMMAND_NEEDLE_GONE);
+    sbi_body_mute(site->body);
+    ndli_remesh_let_go(site->remesh, needle->index);
+    sbi_body_unmute(site->body);
+    site->needles[needle->index] = NULL;
+    if (--site->count == 0)
+        ndli_site_end(site);
     ndli_needle_release(needle);
-}
-
-/* ---- readings ---- */
-
-NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle) { return needle ? needle->rod : NULL; }
-
-NDL_API ndl_tip_pose ndl_needle_tip(const ndl_needle *needle)
-{
-    ndl_tip_pose pose;
-    ndli_v3 t, ahead;
-    memset(&pose, 0, sizeof pose);
-    if (!needle)
-        return pose;
-    ahead = ndli_needle_heading(needle);
-    ndl_rod_tip(needle->rod, &pose.position, &pose.frame);
-    t = ndli_from(pose.frame.t);
-    pose.frame.m1 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m1)));
-    pose.frame.m2 = ndli_to(ndli_rod_transport(t, ahead, ndli_from(pose.frame.m2)));
-    pose.frame.t = ndli_to(ahead);
-    return pose;
-}
-
-NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb_vec3 *torque)
-{
-    if (!needle)
-        return;
-    if (force)
-        *force = ndli_to(needle->base_force);
-    if (torque)
-        *torque = ndli_to(needle->base_torque);
-}
-
-NDL_API int ndl_needle_entry(const ndl_needle *needle) { return needle ? needle->line.first : 0; }
-
-static int ndli_needle_is_coupled(const ndl_needle *needle, int node)
-{
-    return node >= needle->line.first && node < needle->line.first + needle->line.count;
-}
-
-NDL_API int ndl_needle_tissue_node(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return 0;
-    return ndli_needle_is_coupled(needle, node) ? needle->path[node - needle->line.first] : -1;
-}
-
-NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node)
-{
-    ndl_contact none;
-    if (!needle) {
-        memset(&none, 0, sizeof none);
-        return none;
-    }
-    return ndli_needle_is_coupled(needle, node) ? (ndl_contact)needle->line.state[node] : NDL_FREE;
-}
-
-NDL_API sb_vec3 ndl_needle_contact_force(const ndl_needle *needle, int node)
-{
-    if (!needle)
-        return sb_v3(0, 0, 0);
-    return ndli_needle_is_coupled(needle, node) ? ndli_to(needle->line.contact[node]) : sb_v3(0, 0, 0);
-}
-
-NDL_API sb_real ndl_needle_depth(const ndl_needle *needle)
-{
-    double sum = 0;
-    if (!needle)
-        return 0;
-    for (int i = needle->line.first; i + 1 < needle->rod->node_count; i++)
-        sum += ndli_norm(ndli_sub(needle->rod->x[i + 1], needle->rod->x[i]));
-    return (sb_real)sum;
-}
-
-NDL_API sb_real ndl_needle_fed(const ndl_needle *needle) { return needle ? (sb_real)needle->fed : 0; }
-NDL_API sb_real ndl_needle_advance(const ndl_needle *needle) { return needle ? (sb_real)needle->advance : 0; }
-NDL_API sb_real ndl_needle_cutting(const ndl_needle *needle) { return needle ? (sb_real)needle->line.cutting : 0; }
-
-NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
-{
-    if (!needle)
-        return 0;
-    if (needle->line.count == 0)
-        return 0;
-    if (needle->shallow)
-        ndl_remesh_material_point(needle->tissue->site->remesh, needle->index,
-                                  ndli_to(needle->rod->x[needle->rod->node_count - 1]), X);
-    else
-        *X = needle->tissue->mesh.X[needle->path[needle->line.count - 1]];
-    return 1;
 }

@@ -21,8 +21,8 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. A tissue with needles cannot be saved or loaded (SB_ERROR_UNSUPPORTED). What is
- * embedded in its first mesh goes by ndl_tissue_original_positions, not by ndl_tissue_positions.
+ * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with implicit
+ * steps. What is embedded in a body follows the changes that needles make where it is asked to (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *
@@ -51,18 +51,19 @@
  *         sb_mesh mesh;                                                 // a block of 6 x 6 x 6 cm, corner at 0
  *         require(sb_mesh_beam(SB_TET4, 10, 10, 10, sb_v3(0.06, 0.06, 0.06), NULL, &mesh, &error), &error);
  *
- *         ndl_tissue_material gel = {50e3, 0.45, 1000};                 // Young's modulus, Poisson's ratio, density
- *         ndl_tissue_def td = ndl_default_tissue_def();
- *         td.mesh = &mesh, td.materials = &gel, td.material_count = 1;
- *         ndl_tissue *tissue = NULL;
- *         require(ndl_tissue_create(&td, &tissue, &error), &error);
+ *         sb_body_def bd = sb_default_body_def();
+ *         bd.mesh = &mesh;
+ *         bd.material = sb_material_corotated(50e3, 0.45, 1000);        // Young's modulus, Poisson's ratio, density
+ *         bd.slack = 0.2;                                               // its mesh may change
+ *         sb_body *body = NULL;
+ *         require(sb_body_create(&bd, &body, &error), &error);
  *         for (int i = 0; i < mesh.node_count; i++)
  *             if (mesh.nodes[i].z < 1e-6)                               // it stands on a table
- *                 ndl_tissue_fix(tissue, i);
+ *                 require(sb_body_hold(body, &i, 1, SB_XYZ, &error), &error);
  *
  *         ndl_friction friction = {20, 0, 0.5, 0, 0};                   // 20 N/m along the shaft, 0.5 N to cut
  *         ndl_needle_def nd = ndl_default_needle_def();
- *         nd.tissue = tissue;
+ *         nd.body = body;
  *         nd.base = sb_v3(0.031, 0.029, 0.12), nd.direction = sb_v3(0, 0, -1); // 6 cm above, looking down
  *         nd.length = 0.058;                                            // tip 2 mm above the skin
  *         nd.frictions = &friction, nd.friction_count = 1;
@@ -77,7 +78,7 @@
  *             ndl_step_info info;
  *             command.insertion = frame < 180 ? 0.0125 : -0.025;        // m/s
  *             command.twist = frame >= 90 && frame < 100 ? 3.14159265 / 0.2 : 0; // rad/s
- *             require(ndl_step(tissue, &needle, 1, 0.02, &command, &info, &error), &error);
+ *             require(ndl_step(body, &needle, 1, 0.02, &command, &info, &error), &error);
  *             ndl_needle_base_wrench(needle, &force, NULL);             // what the hand exerts
  *             if (frame % 40 == 0) {
  *                 sb_vec3 tip = ndl_needle_tip(needle).position;
@@ -85,10 +86,10 @@
  *                        1e3 * ndl_needle_depth(needle), -force.z);
  *             }
  *         }
- *         int out = ndl_tissue_mesh_is_original(ndl_tissue_get_mesh(tissue));
+ *         int out = ndl_remesh_is_original(ndl_needle_remesh(needle));
  *         printf("the mesh is %s\n", out ? "as it was" : "changed");
- *         ndl_needle_destroy(needle);                                   // before its tissue
- *         ndl_tissue_destroy(tissue);
+ *         ndl_needle_destroy(needle);                                   // before its body
+ *         sb_body_destroy(body);
  *         sb_mesh_free(&mesh);
  *         return out ? 0 : 1;
  *     }
@@ -98,11 +99,11 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * ndl_tissue   corotated linear tets that move and whose mesh may change: materials by region, supports
- *              (ndl_tissue_fix, _prescribe), forces, gravity. ndl_tissue_step moves it without needles.
- * ndl_needle   a needle at one tissue, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
- *              cuts. ndl_step moves a tissue and all its needles together: one linear system, solved again with other
- *              states of friction where a node sticks that should slip, or the other way.
+ * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres, regions,
+ *              supports, loads and constraints; sb_body_step moves it without its needles.
+ * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
+ *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step, solved
+ *              again with other states of friction where a node sticks that should slip, or the other way.
  * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
  *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
  *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.
@@ -117,7 +118,7 @@
  *              pre-bent at rest. Supports (ndl_rod_hold, _turn, _hold_base) and loads stay until changed; ndl_rod_step
  *              moves it, ndl_rod_solve_static finds its equilibrium.
  * frames       each edge of a rod has a material frame (m1, m2, t), t along it. A bevel bends towards m2 of the last.
- * state        ndl_tissue_save, ndl_remesh_save, ndl_rod_save and their loads, to the last bit.
+ * state        sb_body_state_save holds needles, too: loaded in mid-insertion they go on to the last bit.
  *
  * A step that fails leaves everything as it was. All memory for stepping is taken at creation; only a mesh that grows
  * beyond its slack asks for more.

@@ -75,7 +75,7 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
     const ndl_rod *rod = needle->rod;
     return ndli_dot(ndli_sub(rod->x[rod->node_count - 1], entry), rod->tangent[rod->node_count - 2]);
 }
-static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->tissue->site->mean_edge; }
+static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
 /* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
  * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
@@ -135,7 +135,7 @@ static int ndli_nodes_is_smooth(ndli_v3 before, ndli_v3 x, ndli_v3 next)
  * the nodes before it, but never over the tip. ahead: where the needle comes from. */
 static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndli_v3 ahead)
 {
-    const sb_vec3 *x = needle->tissue->mesh.x;
+    const sb_vec3 *x = needle->site->mesh->x;
     int *kept = needle->path, last = -1;
     for (int k = 0; k < count; k++) {
         while (last >= 0) {
@@ -152,7 +152,7 @@ static int ndli_nodes_thread(ndl_needle *needle, const int *path, int count, ndl
 
 NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     for (int i = needle->line.first; i <= ndli_line_foremost(&needle->line); i++) {
         ndli_v3 gap = ndli_sub(needle->rod->x[i], ndli_from(mesh->x[needle->path[i - needle->line.first]]));
         if (ndli_dot(gap, gap) > 0)
@@ -165,9 +165,9 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle)
 {
     ndl_rod *rod = needle->rod;
     ndli_line *line = &needle->line;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     int old_first = line->first, old_count = line->count, count, first, bad, shallow;
-    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     int end_index = count > 0 ? sbi_min_int(old_first, rod->node_count - 1) : rod->node_count - 1;
     ndli_places list = {needle->places, needle->place_tangents, 0, 0};
     ndli_v3 end = rod->x[rod->node_count - 1];

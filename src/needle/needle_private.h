@@ -1,12 +1,14 @@
-/* needle_private: what is inside a needle, and what the needles of a tissue share. Floor 6, internal: needle.c makes and
- * reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance, needle_tip.c leads the
- * remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back, needle_step.c makes it. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
+ * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
+ * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
+ * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
 #include "couple_line.h"
 #include "needle.h"
-#include "state.h"
+#include "rod_state.h"
+#include "../softbody/body/state_part.h"
 
 typedef struct ndli_capsule {
     ndl_membrane def;
@@ -15,7 +17,7 @@ typedef struct ndli_capsule {
 
 struct ndl_needle {
     sb_allocator allocator;
-    ndl_tissue *tissue;
+    struct ndli_site *site; /* what it shares with the other needles of its body */
     int index;            /* number at the remesher */
     ndl_rod *rod;
     ndli_line line;
@@ -53,20 +55,36 @@ struct ndl_needle {
     void *memory;
 };
 
-/* What the needles of one tissue share; made for the first, gone with the last. */
+/* What the needles of one body share; made for the first, gone with the last. */
 struct ndli_site {
+    sb_body *body;
+    sb_allocator allocator;
+    int listener;              /* its number at the body */
     ndl_remesh *remesh;
+    const ndli_topology *mesh; /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
-    double mean_edge;  /* of the undeformed tissue (m) */
-    int *coupled;      /* tissue nodes whose role is NDLI_ROW_COUPLED */
-    int coupled_count;
-    size_t coupled_room;
+    double mean_edge;  /* of the undeformed mesh (m) */
+    int *coupled;      /* [node_room] nodes of the body that needles are on, of a solve */
+    double *unknown;   /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
+    size_t node_room;
     unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
-    size_t undo_room;
+    size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
 };
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
+/* ---- needle_site ---- */
+
+/* What the needles of a body share, or NULL: it has none. */
+NDLI_API struct ndli_site *ndli_needle_site(const sb_body *body);
+/* Listens to the body, by which it is found. */
+NDLI_API sb_result ndli_site_listen(struct ndli_site *site, sb_error *error);
+NDLI_API void ndli_site_free(struct ndli_site *site);
+NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh); /* m */
+NDLI_API int ndli_site_free_index(const struct ndli_site *site);
+/* Room for the nodes of all needles and so many more; 0: there is no memory. */
+NDLI_API int ndli_site_reserve(struct ndli_site *site, int more);
+
 /* ---- needle_sleeve ---- */
 
 /* Targets of the nodes in the sleeve, turn and feed of a substep of dt; `left` substeps, this one counted. */
@@ -99,15 +117,43 @@ NDLI_API int ndli_needle_is_threaded(const ndl_needle *needle);
  * little: then it has its old nodes. */
 NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
+/* ---- needle_state ---- */
+
+/* What the ints of a command in a recording begin with. */
+typedef enum ndli_needle_command {
+    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
+    NDLI_COMMAND_NEEDLE_GONE = 4
+} ndli_needle_command;
+enum { NDLI_COMMAND_REALS = 8 }; /* of an ndl_command */
+
+/* The part of the body's state that the site is, but for its replay. */
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site);
+NDLI_API void ndli_site_leave(const struct ndli_site *site);
+/* For the recording of the body. */
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command);
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director);
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result);
+
+/* ---- needle_step ---- */
+
+/* Does a recorded command again; user: the site. */
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error);
+
 /* ---- needle_undo ---- */
 
 /* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
-NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more);
-/* Keeps what a step changes of a tissue and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
+NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
+/* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
-NDLI_API int ndli_needle_keep(ndl_tissue *tissue);
+NDLI_API int ndli_needle_keep(struct ndli_site *site);
 /* Brings it back. */
-NDLI_API void ndli_needle_undo(ndl_tissue *tissue);
+NDLI_API void ndli_needle_undo(struct ndli_site *site);
+/* Where the body has got another mesh since the last step: needles are outside, whatever they were in. SB_ERROR_MEMORY. */
+NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
 #endif
 
 #endif /* NDL_NEEDLE_PRIVATE_H */

@@ -5,10 +5,10 @@
 
 /* ---- membranes ---- */
 
-static int ndli_resist_region(const ndl_tissue_mesh *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
+static int ndli_resist_region(const ndli_topology *mesh, int tet) { return tet < 0 ? -1 : mesh->regions[tet]; }
 
 /* 1 when the membrane lies on a face; each inner face is looked at from its lower tet. */
-static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int tet, int face)
+static int ndli_resist_holds(const ndli_topology *mesh, const ndl_membrane *membrane, int tet, int face)
 {
     int other = mesh->neighbours[4 * (size_t)tet + (size_t)face];
     int a = ndli_resist_region(mesh, tet), b = ndli_resist_region(mesh, other);
@@ -19,7 +19,7 @@ static int ndli_resist_holds(const ndl_tissue_mesh *mesh, const ndl_membrane *me
 }
 
 /* Faces of the membrane: written to `triangles` when that is not NULL. */
-static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *membrane, int *triangles)
+static int ndli_resist_gather(const ndli_topology *mesh, const ndl_membrane *membrane, int *triangles)
 {
     static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
     int count = 0;
@@ -36,7 +36,7 @@ static int ndli_resist_gather(const ndl_tissue_mesh *mesh, const ndl_membrane *m
 
 static sb_result ndli_resist_make_surface(const ndl_needle *needle, const ndl_membrane *membrane, sb_surface **surface)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     sb_mesh faces;
     sb_result result;
     int count = ndli_resist_gather(mesh, membrane, NULL);
@@ -81,7 +81,7 @@ static const ndl_friction *ndli_resist_of(const ndl_needle *needle, int region)
 /* Mean over the tets of a tissue node, by volume. */
 static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     double total = 0;
     memset(mean, 0, 5 * sizeof *mean);
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
@@ -105,7 +105,7 @@ static void ndli_resist_at(const ndl_needle *needle, int node, double mean[5])
 /* The region that the tip looks into. */
 static int ndli_resist_region_ahead(const ndl_needle *needle, int tip)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     sb_vec3 t = ndli_to(needle->rod->tangent[needle->rod->node_count - 2]);
     sb_real best = -SB_REAL_MAX;
     int region = -1;
@@ -148,15 +148,15 @@ static double ndli_resist_cutting(const ndl_needle *needle, int tip, double tabl
 /* A tip that comes near the skin from inside is stopped: nothing can follow it out, and tets ahead of it get flat. */
 static int ndli_resist_is_at_skin(const ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     int tip;
-    sb_real ahead = (sb_real)(0.2 * needle->tissue->site->mean_edge);
+    sb_real ahead = (sb_real)(0.2 * needle->site->mean_edge);
     sb_vec3 way;
     if (needle->shallow || needle->line.count < 2)
         return 0;
     tip = needle->path[needle->line.count - 1];
     way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
-    return ndl_tissue_mesh_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
+    return ndli_topology_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
                                 mesh->node_star[tip] / 4, NULL) < 0;
 }
 

@@ -22,6 +22,7 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
     needle->given_axis = axis;
     needle->given_director = width > 0 ? ndli_scale(1 / ndli_norm(side), side) : side;
     needle->base_given = 1;
+    ndli_needle_tell_base(needle, base, direction, director);
     return SB_OK;
 }
 

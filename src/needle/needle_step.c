@@ -1,16 +1,18 @@
-/* needle_step: one step of a tissue and its needles. Sleeves are moved and fed, one linear system gives the motion of
+/* needle_step: one step of a body and its needles. Sleeves are moved and fed, one linear system gives the motion of
  * all, the remesher follows the tips, and the rods' nodes follow the remesher. */
 #include "couple_solve.h"
 #include "needle_private.h"
 
+#include "../softbody/body/body_guest.h"
+
 #include <string.h>
 
-static double ndli_step_now(const ndl_tissue *t) { return t->clock ? t->clock() : 0.0; }
+static double ndli_step_now(const struct ndli_site *site) { return sbi_body_now(site->body); }
 
 /* ---- a substep ---- */
 
 typedef struct ndli_stepping {
-    ndl_tissue *tissue;
+    struct ndli_site *site;
     ndl_needle *const *needles;
     const ndl_command *commands;
     int count;
@@ -19,35 +21,13 @@ typedef struct ndli_stepping {
     sb_error *error;
 } ndli_stepping;
 
-/* The tissue nodes that needles are on leave the tissue's part of the preconditioner during the solve. */
-static void ndli_step_couple_nodes(const ndli_stepping *s)
-{
-    struct ndli_site *site = s->tissue->site;
-    site->coupled_count = 0;
-    for (int k = 0; k < s->count; k++)
-        for (int i = s->lines[k]->first; i <= ndli_line_foremost(s->lines[k]); i++) {
-            int node = s->lines[k]->path[i - s->lines[k]->first];
-            if (s->tissue->role[node] != NDLI_ROW_FREE)
-                continue;
-            ndli_solid_set_role(s->tissue, node, NDLI_ROW_COUPLED);
-            site->coupled[site->coupled_count++] = node;
-        }
-}
-
-static void ndli_step_release_nodes(ndl_tissue *t)
-{
-    for (int i = 0; i < t->site->coupled_count; i++)
-        ndli_solid_set_role(t, t->site->coupled[i], NDLI_ROW_FREE);
-    t->site->coupled_count = 0;
-}
-
 static void ndli_step_note_solve(ndl_step_info *info, const ndl_couple_info *couple)
 {
     info->trials = sbi_max_int(info->trials, couple->trials);
     info->consistent = info->consistent && couple->consistent;
-    info->iterations += couple->iterations;
-    info->capped = info->capped || couple->capped;
-    info->residual = sb_max(info->residual, couple->residual);
+    info->iterations += info->body.pcg_iterations;
+    info->capped = info->capped || info->body.capped;
+    info->residual = sb_max(info->residual, info->body.residual);
 }
 
 static int ndli_step_max_trials(const ndli_stepping *s)
@@ -56,29 +36,6 @@ static int ndli_step_max_trials(const ndli_stepping *s)
     for (int k = 0; k < s->count; k++)
         most = sbi_max_int(most, s->needles[k]->max_trials);
     return most;
-}
-
-/* The tissue's accelerations and the rods' motion; nothing has moved yet. */
-static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
-{
-    ndl_couple_info couple;
-    double begin, middle;
-    sb_result result;
-    ndli_step_couple_nodes(s);
-    begin = ndli_step_now(s->tissue);
-    s->tissue->led = 1;
-    result = ndli_solid_begin(s->tissue, (sb_real)dt, &s->info->tissue, s->error);
-    s->tissue->led = 0;
-    middle = ndli_step_now(s->tissue);
-    s->info->seconds_tissue += middle - begin;
-    if (result == SB_OK)
-        result = ndli_couple_solve(s->tissue, s->lines, s->count, dt, ndli_step_max_trials(s), &couple, s->error);
-    s->info->seconds_couple += ndli_step_now(s->tissue) - middle;
-    if (result == SB_OK) {
-        ndli_step_note_solve(s->info, &couple);
-        ndli_solid_wear(s->tissue, couple.iterations / couple.trials);
-    }
-    return result;
 }
 
 /* What the sleeve has to exert: the balance of the nodes in it, and the frame's torque. */
@@ -185,25 +142,25 @@ static sb_result ndli_step_follow(const ndli_stepping *s, ndl_needle *needle)
 {
     ndl_remesh_info done;
     sb_result result;
-    double begin = ndli_step_now(s->tissue), middle;
+    double begin = ndli_step_now(s->site), middle;
     memset(&done, 0, sizeof done);
     done.worst_quality = 1;
     result = ndli_needle_follow_tip(needle, &done, s->error);
-    middle = ndli_step_now(s->tissue);
+    middle = ndli_step_now(s->site);
     s->info->seconds_remesh += middle - begin;
     s->info->operations += done.substeps;
     s->info->worst_quality = sb_min(s->info->worst_quality, done.worst_quality);
     if (result != SB_OK)
         return result;
     result = ndli_step_renew(needle, s->error);
-    s->info->seconds_needle += ndli_step_now(s->tissue) - middle;
+    s->info->seconds_needle += ndli_step_now(s->site) - middle;
     return result;
 }
 
 static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
 {
     static const ndl_command none = {0, 0, {0, 0, 0}, {0, 0, 0}};
-    double begin = ndli_step_now(s->tissue);
+    double begin = ndli_step_now(s->site);
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
         sb_result result = ndli_needle_is_threaded(needle) ? SB_OK : ndli_step_renew(needle, s->error);
@@ -213,8 +170,36 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
         ndli_needle_resist(needle);
         needle->hold_steps = sbi_max_int(0, needle->hold_steps - 1);
     }
-    s->info->seconds_needle += ndli_step_now(s->tissue) - begin;
+    s->info->seconds_needle += ndli_step_now(s->site) - begin;
     return SB_OK;
+}
+
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
+ * step's undo takes back. */
+static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
+{
+    struct ndli_site *site = s->site;
+    double begin = ndli_step_now(site), solve;
+    const sbi_guest *guests[1];
+    ndli_couple couple;
+    sb_result result;
+    ndli_couple_prepare(&couple, s->lines, s->count, ndli_step_max_trials(s), site->unknown, site->coupled);
+    guests[0] = &couple.guest;
+    result = sbi_body_step_with(site->body, (sb_real)dt, guests, 1, &s->info->body);
+    solve = s->info->body.seconds_solve;
+    s->info->seconds_couple += solve;
+    s->info->seconds_body += ndli_step_now(site) - begin - solve;
+    begin = ndli_step_now(site);
+    if (result == SB_OK)
+        result = ndli_couple_check(&couple, &s->info->body.error);
+    for (int k = 0; k < s->count && result == SB_OK; k++)
+        result = ndli_step_move_rod(s->needles[k], dt, &s->info->body.error);
+    s->info->seconds_needle += ndli_step_now(site) - begin;
+    if (result == SB_OK)
+        ndli_step_note_solve(s->info, &couple.info);
+    else if (s->error)
+        *s->error = s->info->body.error;
+    return result;
 }
 
 static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
@@ -222,11 +207,8 @@ static sb_result ndli_step_substep(const ndli_stepping *s, double dt, int left)
     sb_result result = ndli_step_prepare(s, dt, left);
     if (result == SB_OK)
         result = ndli_step_solve(s, dt);
-    for (int k = 0; k < s->count && result == SB_OK; k++)
-        result = ndli_step_move_rod(s->needles[k], dt, s->error);
     if (result == SB_OK)
-        result = ndli_solid_commit(s->tissue, s->error);
-    ndli_step_release_nodes(s->tissue);
+        result = ndli_remesh_look(s->site->remesh, s->error);
     for (int k = 0; k < s->count && result == SB_OK; k++)
         result = ndli_step_follow(s, s->needles[k]);
     return result;
@@ -243,7 +225,7 @@ static const double ndli_step_most_substeps = 1000;
 static double ndli_step_stride(const ndl_needle *needle, const ndl_command *command, double dt)
 {
     const ndl_rod *rod = needle->rod;
-    double edge = needle->tissue->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
+    double edge = needle->site->mean_edge, unit = 0.5 * (edge < needle->edge_length ? edge : needle->edge_length);
     double out = ndli_norm(ndli_sub(rod->x[sbi_min_int(needle->line.first, rod->node_count - 1)], needle->outlet));
     double way = 0, turn = 0;
     if (command) {
@@ -266,19 +248,18 @@ static int ndli_step_is_command_finite(const ndl_command *c)
            sb_v3_is_finite(c->angular_velocity);
 }
 
-static sb_result ndli_step_check(const ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
                                  const ndl_command *commands, int *substeps, sb_error *error)
 {
     double most = 0;
-    if (!tissue || !needles || !(dt > 0) || !sb_is_finite(dt))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a tissue, its needles and dt > 0, not %g", (double)dt);
-    if (!tissue->site || count != tissue->site->count)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the tissue has %d", count,
-                        tissue->site ? tissue->site->count : 0);
+    if (!needles || !(dt > 0) || !sb_is_finite(dt))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a step needs a body, its needles and dt > 0, not %g", (double)dt);
+    if (!site || count != site->count)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%d needles given, the body has %d", count, site ? site->count : 0);
     for (int k = 0; k < count; k++) {
         double stride;
-        if (!needles[k] || needles[k]->tissue != tissue)
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this tissue", k);
+        if (!needles[k] || needles[k]->site != site)
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is not of this body", k);
         for (int i = 0; i < k; i++)
             if (needles[i] == needles[k])
                 return sbi_fail(error, SB_ERROR_ARGUMENT, "needles %d and %d are the same", i, k);
@@ -314,11 +295,11 @@ static int ndli_step_tear_out(const ndli_stepping *s)
     int torn = 0;
     for (int k = 0; k < s->count; k++) {
         ndl_needle *needle = s->needles[k];
-        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->tissue->site->mean_edge))
+        if (needle->line.count == 0 || !((double)ndl_needle_depth(needle) < 0.5 * s->site->mean_edge))
             continue;
-        ndl_remesh_withdraw(s->tissue->site->remesh, needle->index, NULL, NULL);
-        if (ndli_needle_renew_nodes(needle) >= 0) {
-            ndli_needle_undo(s->tissue);
+        if (ndl_remesh_withdraw(s->site->remesh, needle->index, NULL, NULL) != SB_OK ||
+            ndli_needle_renew_nodes(needle) >= 0) {
+            ndli_needle_undo(s->site);
             return 0;
         }
         torn++;
@@ -336,49 +317,102 @@ static sb_result ndli_step_run(const ndli_stepping *s, double dt, int substeps)
     for (int i = 0; i < substeps && result == SB_OK; i++)
         result = ndli_step_substep(s, dt / substeps, substeps - i);
     if (result != SB_OK)
-        ndli_needle_undo(s->tissue);
+        ndli_needle_undo(s->site);
     return result;
 }
 
-NDL_API sb_result ndl_step(ndl_tissue *tissue, ndl_needle *const *needles, int count, sb_real dt,
+/* A step that is sound in its arguments. */
+static sb_result ndli_step_make(ndli_stepping *s, double dt, int substeps)
+{
+    double begin = ndli_step_now(s->site);
+    sb_result result;
+    for (int k = 0; k < s->count; k++) {
+        s->lines[k] = &s->needles[k]->line;
+        s->needles[k]->blocked = s->needles[k]->limited = 0;
+    }
+    result = ndli_needle_look(s->site, s->error);
+    if (result != SB_OK)
+        return result;
+    if (!ndli_needle_keep(s->site))
+        return sbi_fail(s->error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
+    result = ndli_step_run(s, dt, substeps);
+    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
+        result = ndli_step_run(s, dt, finer * substeps);
+    if (result == SB_ERROR_DIVERGED) {
+        int torn = ndli_step_tear_out(s);
+        if (torn > 0)
+            result = ndli_step_run(s, dt, substeps);
+        s->info->torn = result == SB_OK ? torn : 0;
+    }
+    for (int k = 0; k < s->count; k++) {
+        s->needles[k]->base_given = s->needles[k]->base_given && result != SB_OK;
+        ndli_rod_publish(s->needles[k]->rod);
+    }
+    ndli_step_count_states(s);
+    s->info->seconds_total = ndli_step_now(s->site) - begin;
+    return result;
+}
+
+NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error)
 {
     ndl_step_info own;
     ndli_stepping s;
     sb_result result;
-    double begin;
     int substeps = 1;
     s.info = info ? info : &own;
     memset(s.info, 0, sizeof *s.info);
-    result = ndli_step_check(tissue, needles, count, dt, commands, &substeps, error);
+    s.site = body ? ndli_needle_site(body) : NULL;
+    result = ndli_step_check(s.site, needles, count, dt, commands, &substeps, error);
     if (result != SB_OK)
         return result;
-    s.tissue = tissue;
     s.needles = needles;
     s.commands = commands;
     s.count = count;
     s.error = error;
-    begin = ndli_step_now(tissue);
-    for (int k = 0; k < count; k++) {
-        s.lines[k] = &needles[k]->line;
-        needles[k]->blocked = needles[k]->limited = 0;
-    }
-    if (!ndli_needle_keep(tissue))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to keep the state at the start of a step");
-    result = ndli_step_run(&s, (double)dt, substeps);
-    for (int finer = 4; result == SB_ERROR_DIVERGED && finer <= NDLI_FINEST; finer *= 4)
-        result = ndli_step_run(&s, (double)dt, finer * substeps);
-    if (result == SB_ERROR_DIVERGED) {
-        int torn = ndli_step_tear_out(&s);
-        if (torn > 0)
-            result = ndli_step_run(&s, (double)dt, substeps);
-        s.info->torn = result == SB_OK ? torn : 0;
-    }
-    for (int k = 0; k < count; k++) {
-        needles[k]->base_given = needles[k]->base_given && result != SB_OK;
-        ndli_rod_publish(needles[k]->rod);
-    }
-    ndli_step_count_states(&s);
-    s.info->seconds_total = ndli_step_now(tissue) - begin;
+    sbi_body_mute(body);
+    result = ndli_step_make(&s, (double)dt, substeps);
+    sbi_body_unmute(body);
+    ndli_needle_tell_step(s.site, needles, count, dt, commands, result);
     return result;
+}
+
+/* ---- a step of a recording ---- */
+
+static sb_result ndli_replay_step(struct ndli_site *site, const int *ints, size_t int_count, const sb_real *reals,
+                                  size_t real_count, sb_error *error)
+{
+    ndl_needle *needles[NDL_MAX_NEEDLES];
+    ndl_command commands[NDL_MAX_NEEDLES];
+    int count = ints[1];
+    if (count < 0 || count > NDL_MAX_NEEDLES || int_count != 2 + (size_t)count ||
+        real_count != 1 + NDLI_COMMAND_REALS * (size_t)count)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of %d needles that is none", count);
+    for (int k = 0; k < count; k++) {
+        const sb_real *c = reals + 1 + NDLI_COMMAND_REALS * k;
+        if (ints[2 + k] < 0 || ints[2 + k] >= NDL_MAX_NEEDLES)
+            return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a step of needle %d", ints[2 + k]);
+        needles[k] = site->needles[ints[2 + k]];
+        commands[k].insertion = c[0], commands[k].twist = c[1];
+        commands[k].velocity = sb_v3(c[2], c[3], c[4]);
+        commands[k].angular_velocity = sb_v3(c[5], c[6], c[7]);
+    }
+    return ndl_step(site->body, needles, count, reals[0], commands, NULL, error);
+}
+
+NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                      size_t real_count, sb_error *error)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    int code = int_count >= 2 ? ints[0] : 0;
+    if (code == NDLI_COMMAND_STEP)
+        return ndli_replay_step(site, ints, int_count, reals, real_count, error);
+    if (code == NDLI_COMMAND_BASE && real_count == 9 && ints[1] >= 0 && ints[1] < NDL_MAX_NEEDLES &&
+        site->needles[ints[1]])
+        return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
+                                    sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
+    if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
+                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
 }

@@ -6,7 +6,7 @@
 /* ---- where the path looks ---- */
 
 /* Deformation gradient about a tissue node: the mean over its tets, by volume. */
-static sb_mat3 ndli_tip_gradient(const ndl_tissue_mesh *mesh, int node)
+static sb_mat3 ndli_tip_gradient(const ndli_topology *mesh, int node)
 {
     sb_mat3 sum = sb_m3_zero();
     sb_real total = 0;
@@ -37,7 +37,7 @@ NDLI_API ndli_v3 ndli_needle_heading(const ndl_needle *needle)
     sb_mat3 f;
     if (needle->shallow || needle->line.count == 0 || needle->bevel.law != NDL_BEVEL_CURVATURE)
         return t;
-    f = ndli_tip_gradient(&needle->tissue->mesh, needle->path[needle->line.count - 1]);
+    f = ndli_tip_gradient(needle->site->mesh, needle->path[needle->line.count - 1]);
     ahead = ndli_tip_mapped(&f, needle->heading);
     return ndli_dot(ahead, t) > 0 ? ndli_tip_unit(ahead) : t;
 }
@@ -57,7 +57,7 @@ static ndli_v3 ndli_tip_aside(const ndl_needle *needle, double advance, double e
     }
     lag = ndli_madd(*heading, -ndli_dot(*heading, t), t);
     size = ndli_norm(lag);
-    most = 2 * fabs(curvature) * fmax(edge, needle->tissue->site->mean_edge); /* a chord lags by half its arc's turn */
+    most = 2 * fabs(curvature) * fmax(edge, needle->site->mean_edge); /* a chord lags by half its arc's turn */
     if (size > most) {
         lag = ndli_scale(most / size, lag);
         *heading = ndli_tip_unit(ndli_add(t, lag));
@@ -71,7 +71,7 @@ static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
 {
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, tip = needle->path[needle->line.count - 1];
-    sb_mat3 f = ndli_tip_gradient(&needle->tissue->mesh, tip), inverse;
+    sb_mat3 f = ndli_tip_gradient(needle->site->mesh, tip), inverse;
     double edge = ndli_norm(ndli_sub(rod->x[last - 1], rod->x[last])) - needle->advance;
     ndli_v3 heading, aside;
     if (!(sb_m3_det(f) > 0) || !(edge > 0))
@@ -86,11 +86,11 @@ static sb_vec3 ndli_tip_bevelled(ndl_needle *needle, sb_vec3 X)
 /* The heading of the path that is there: that of the circle through its last three nodes. */
 static void ndli_tip_take_heading(ndl_needle *needle)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     ndli_v3 last, before;
     double l, b;
     int count;
-    const int *path = ndl_remesh_nodes(needle->tissue->site->remesh, needle->index, &count);
+    const int *path = ndl_remesh_nodes(needle->site->remesh, needle->index, &count);
     if (count < 2)
         return;
     last = ndli_from(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[count - 2]]));
@@ -126,26 +126,26 @@ static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *
 
 static sb_result ndli_tip_enter(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1;
     ndl_surface_hit hit;
     sb_error own;
-    if (!ndl_tissue_mesh_hit(&needle->tissue->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
+    if (!ndli_topology_hit(needle->site->mesh, ndli_to(rod->x[last - 1]), ndli_to(rod->x[last]), &hit))
         return SB_OK;
     return ndli_tip_judge(
         needle, ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, done, &own), &own, error);
 }
 
 /* Depths (m) at which a tip gets a node of its own, and loses it. */
-static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->tissue->site->mean_edge; }
-static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->tissue->site->mean_edge; }
+static double ndli_tip_deep(const ndl_needle *needle) { return 0.5 * needle->site->mean_edge; }
+static double ndli_tip_shallow(const ndl_needle *needle) { return 0.4 * needle->site->mean_edge; }
 
 /* Where the path from the entry gets to that goes straight to X: a bevel bends it from the skin on. *heading: how it
  * looks there. */
 static sb_vec3 ndli_tip_first_arc(const ndl_needle *needle, sb_vec3 X, ndli_v3 *heading)
 {
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_bevel *bevel = &needle->bevel;
     ndli_v3 way = ndli_from(sb_v3_sub(X, mesh->X[needle->path[0]])), side;
     double length = ndli_norm(way), curvature = bevel->law == NDL_BEVEL_CURVATURE ? (double)bevel->curvature : 0;
@@ -169,8 +169,8 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
 {
     double share = depth / ndli_tip_deep(needle);
     sb_real enough = share < 2 ? (sb_real)(0.3 * (2 - share)) : 0;
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    sb_vec3 entry = needle->tissue->mesh.X[needle->path[0]], way = sb_v3_sub(X, entry);
+    ndl_remesh *remesh = needle->site->remesh;
+    sb_vec3 entry = needle->site->mesh->X[needle->path[0]], way = sb_v3_sub(X, entry);
     sb_result result = SB_ERROR_MESH;
     for (int quarters = 4; quarters > 1 && result == SB_ERROR_MESH; quarters--) {
         sb_vec3 to = sb_v3_madd(entry, (sb_real)quarters / 4, way);
@@ -182,8 +182,8 @@ static sb_result ndli_tip_sink(ndl_needle *needle, double depth, sb_vec3 X, ndl_
 /* The tip of a shallow needle: it goes on without the mesh, gets a node when it is deep enough, or leaves. */
 static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndl_remesh *remesh = needle->site->remesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, entry = needle->path[0];
     double depth = ndli_dot(ndli_sub(rod->x[last], ndli_from(mesh->x[entry])), rod->tangent[last - 1]);
@@ -192,10 +192,8 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
     sb_vec3 X;
     sb_error own;
     sb_result result;
-    if (depth < 0) {
-        ndl_remesh_withdraw(remesh, needle->index, done, NULL);
-        return SB_OK;
-    }
+    if (depth < 0)
+        return ndl_remesh_withdraw(remesh, needle->index, done, error);
     if (depth < ndli_tip_deep(needle) || needle->hold_steps > 0)
         return SB_OK;
     ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
@@ -219,34 +217,35 @@ static sb_result ndli_tip_cut_shallow(ndl_needle *needle, ndl_remesh_info *done,
 /* A tip that has come back near the skin loses its node: the mesh is that of a first contact again. */
 static void ndli_tip_make_shallow(ndl_needle *needle)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
-    const ndl_tissue_mesh *mesh = &needle->tissue->mesh;
+    ndl_remesh *remesh = needle->site->remesh;
+    const ndli_topology *mesh = needle->site->mesh;
     const ndl_rod *rod = needle->rod;
     int first = needle->line.first, count;
     const int *path = ndl_remesh_nodes(remesh, needle->index, &count);
-    double back = needle->tissue->site->mean_edge;
+    double back = needle->site->mean_edge;
     sb_vec3 entry;
     ndl_surface_hit hit;
     if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
                        ndli_tip_shallow(needle)))
         return;
     entry = mesh->x[path[0]];
-    ndl_remesh_withdraw(remesh, needle->index, NULL, NULL);
-    if (ndl_tissue_mesh_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
+    if (ndl_remesh_withdraw(remesh, needle->index, NULL, NULL) != SB_OK)
+        return; /* it stays as it is */
+    if (ndli_topology_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
                             ndli_to(rod->x[rod->node_count - 1]), &hit))
         (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
 }
 
 /* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
  * the needle is stretched until its tip would be outside. */
-static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done)
+static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     sb_result result = ndl_remesh_retract(remesh, needle->index, X, done, NULL);
     needle->hold_steps = 0;
     needle->blocked = result != SB_OK && inside;
     if (result != SB_OK && !inside)
-        return ndl_remesh_withdraw(remesh, needle->index, done, NULL);
+        return ndl_remesh_withdraw(remesh, needle->index, done, error);
     ndli_tip_take_heading(needle);
     ndli_tip_make_shallow(needle);
     return SB_OK;
@@ -254,7 +253,7 @@ static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, n
 
 static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb_error *error)
 {
-    ndl_remesh *remesh = needle->tissue->site->remesh;
+    ndl_remesh *remesh = needle->site->remesh;
     const ndl_rod *rod = needle->rod;
     int last = rod->node_count - 1, inside;
     sb_vec3 X;
@@ -262,7 +261,7 @@ static sb_result ndli_tip_cut_deep(ndl_needle *needle, ndl_remesh_info *done, sb
     sb_result result;
     inside = ndl_remesh_material_point(remesh, needle->index, ndli_to(rod->x[last]), &X);
     if (needle->advance < 0) /* where states came out inconsistent its sign, not the state's, counts */
-        return ndli_tip_draw_back(needle, X, inside, done);
+        return ndli_tip_draw_back(needle, X, inside, done, error);
     X = ndli_tip_bevelled(needle, X);
     result = ndl_remesh_penetrate(remesh, needle->index, X, done, &own);
     if (result == SB_OK && done->outside)

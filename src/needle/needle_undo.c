@@ -1,5 +1,7 @@
-/* needle_undo: the state of a tissue, its remesher and its needles at the start of a step, in one block. */
+/* needle_undo: the state of a body, its remesher and its needles at the start of a step, in one block. */
 #include "needle_private.h"
+
+#include "../softbody/body/state_part.h"
 
 #include <string.h>
 
@@ -15,10 +17,9 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
            ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
-static size_t ndli_undo_size(const ndl_tissue *tissue)
+static size_t ndli_undo_size(const struct ndli_site *site)
 {
-    const struct ndli_site *site = tissue->site;
-    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_size(tissue)) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body)) +
                  ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
@@ -27,31 +28,29 @@ static size_t ndli_undo_size(const ndl_tissue *tissue)
 }
 
 /* The block holds nothing between steps. */
-static int ndli_undo_make_room(ndl_tissue *tissue, size_t needed)
+static int ndli_undo_make_room(struct ndli_site *site, size_t needed)
 {
-    struct ndli_site *site = tissue->site;
     unsigned char *grown;
     if (needed <= site->undo_room)
         return 1;
-    grown = (unsigned char *)sbi_alloc(&tissue->allocator, needed, 1);
+    grown = (unsigned char *)sbi_alloc(&site->allocator, needed, 1);
     if (!grown)
         return 0;
-    sbi_free(&tissue->allocator, site->undo);
+    sbi_free(&site->allocator, site->undo);
     site->undo = grown;
     site->undo_room = needed;
     return 1;
 }
 
-NDLI_API int ndli_needle_reserve_undo(ndl_tissue *tissue, const ndl_needle *more)
+NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more)
 {
-    const struct ndli_site *site = tissue->site;
-    size_t sum = ndli_undo_aligned(ndli_solid_snapshot_room(tissue)) +
+    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body) / 4 * 5) +
                  ndli_undo_aligned(ndli_remesh_snapshot_room(site->remesh)) +
                  ndli_undo_needle_size(more, more->rod->capacity);
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->capacity);
-    return ndli_undo_make_room(tissue, sum);
+    return ndli_undo_make_room(site, sum);
 }
 
 /* Copies `bytes` of a part to the block, or back from it, and goes on to the next part. */
@@ -71,35 +70,34 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
     ndli_undo_copy(at, needle->line.state, n, back);
 }
 
-NDLI_API int ndli_needle_keep(ndl_tissue *tissue)
+NDLI_API int ndli_needle_keep(struct ndli_site *site)
 {
-    struct ndli_site *site = tissue->site;
-    size_t needed = ndli_undo_size(tissue);
+    size_t needed = ndli_undo_size(site);
     unsigned char *at;
-    if (needed > site->undo_room && !ndli_undo_make_room(tissue, needed + needed / 8))
+    if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
         return 0;
-    at = site->undo + ndli_undo_aligned(ndli_solid_snapshot_size(tissue));
-    if (!ndli_solid_snapshot(tissue, site->undo))
-        return 0;
+    site->undo_body = sbi_body_snapshot_size(site->body);
+    at = site->undo + ndli_undo_aligned(site->undo_body);
+    sbi_body_snapshot(site->body, site->undo);
     ndli_remesh_snapshot(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i]) {
-            size_t rod = ndli_undo_aligned(
-                ndli_rod_snapshot_size(site->needles[i]->rod, site->needles[i]->rod->node_count));
-            ndli_rod_snapshot(site->needles[i]->rod, at);
-            at += rod;
-            ndli_undo_copy_needle(site->needles[i], site->needles[i]->rod->node_count, &at, 0);
+            ndl_rod *rod = site->needles[i]->rod;
+            ndli_rod_snapshot(rod, at);
+            at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
+            ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 0);
         }
     return 1;
 }
 
-NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
+NDLI_API void ndli_needle_undo(struct ndli_site *site)
 {
-    struct ndli_site *site = tissue->site;
     unsigned char *at = site->undo;
-    ndli_solid_restore(tissue, at);
-    at += ndli_undo_aligned(ndli_solid_snapshot_size(tissue)); /* of the restored state, as when it was kept */
+    ndli_remesh_set_own(site->remesh, 1);
+    (void)sbi_body_rewind(site->body, at, site->undo_body, NULL);
+    ndli_remesh_set_own(site->remesh, 0);
+    at += ndli_undo_aligned(site->undo_body);
     ndli_remesh_rewind(site->remesh, at);
     at += ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
@@ -109,4 +107,17 @@ NDLI_API void ndli_needle_undo(ndl_tissue *tissue)
             at += ndli_undo_aligned(ndli_rod_snapshot_size(rod, rod->node_count));
             ndli_undo_copy_needle(site->needles[i], rod->node_count, &at, 1);
         }
+}
+
+NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error)
+{
+    int stale = ndli_remesh_is_stale(site->remesh);
+    sb_result result = ndli_remesh_look(site->remesh, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && stale && result == SB_OK; i++)
+        if (site->needles[i]) {
+            site->needles[i]->line.first = site->needles[i]->rod->node_count;
+            site->needles[i]->line.count = 0;
+            site->needles[i]->shallow = 0;
+        }
+    return result;
 }

@@ -5,10 +5,9 @@
  * multisets a candidate removes and creates, the mesh after A is lexicographically better than after B exactly when
  * C_A + D_B is better than C_B + D_A, since all else is common to both. That is the thesis' comparison over T', the
  * union of what any candidate changes, without that union. */
-#include "remesh.h"
+#include "remesh_private.h"
 
-#include "image.h"
-#include "state.h"
+#include "../softbody/body/body_guest.h"
 
 #include <limits.h>
 #include <string.h>
@@ -22,96 +21,9 @@ enum {
     NDLI_MAX_SUBSTEPS = 1000,
     NDLI_STUCK = 16,
     NDLI_RELEASES = 4,
-    NDLI_FINALISTS = 6,
     NDLI_RATED = 16
 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
-
-/* ---- what is kept ---- */
-
-/* A split that can be undone; its tets are pool[first ...], `size` per tet that was cut. */
-typedef struct ndli_split {
-    int node, size, simplex[4];
-    int first, count;
-} ndli_split;
-
-typedef struct ndli_needle {
-    int *nodes, count, node_capacity; /* entry first */
-    ndli_split *stack;
-    int depth, stack_capacity;
-    int *pool, pool_count, pool_capacity;
-} ndli_needle;
-
-typedef struct ndli_patch_tet {
-    int nodes[4];
-    int slot; /* -1: stood before the top split, and would again without it */
-    int skin; /* bit c: the face opposite node c lies on the surface */
-    sb_real quality;
-} ndli_patch_tet;
-
-typedef struct ndli_patch {
-    ndli_patch_tet *tets;
-    int count;
-} ndli_patch;
-
-typedef struct ndli_qualities {
-    sb_real *values, least;
-    int count;
-} ndli_qualities;
-
-typedef struct ndli_candidate {
-    int simplex[4], size; /* size 1: snap */
-    int undo, drops_tip;  /* the top split is undone first; the old tip stays in the tissue, but not on the needle */
-    int slid, slid_moves; /* node that may slide along, or -1 */
-    sb_vec3 X, slid_X;
-    ndli_qualities created, removed;
-} ndli_candidate;
-
-/* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
- * that all candidates of an operation share; the node to be made comes after it. */
-typedef struct ndli_draft {
-    int *tets, tet_count;   /* [4]; those of the core first */
-    int core_count;
-    sb_real *qualities;
-    sb_vec3 *X;             /* [table_count + 1] */
-    int *star_start, *star; /* tets of a node: star[star_start[i] .. star_start[i + 1]) */
-    unsigned char *is_free;
-    int *moved, moved_count; /* nodes not where the candidate had them */
-} ndli_draft;
-
-typedef struct ndli_node_move {
-    int node;
-    sb_vec3 X;
-} ndli_node_move;
-
-struct ndl_remesh {
-    ndl_remesh_def def;
-    ndl_tissue_mesh *mesh;
-    ndli_needle *needles;
-    int release_cursor;
-    ndl_remesh_info info;
-
-    int needle, conflict; /* of the call under way; element of another needle that stood in the way, or -1 */
-    int capacity;         /* of the patch */
-    ndli_patch here, undone;
-    int core_count;       /* of here: the tets that candidates may change; after them those that smoothing may */
-    int *table, table_count; /* nodes of the patch */
-    unsigned char *table_whole; /* 1: all its tets are in the patch */
-    ndli_draft draft;
-    int *moving, moving_count; /* [4] nodes of a candidate's tets about its sliding node */
-    ndli_candidate final[NDLI_FINALISTS], trial; /* best first */
-    int final_count;
-    sb_real *rating, *best_rating; /* qualities of a draft, worst first */
-    ndli_node_move *moves;         /* what the winner's draft smoothed */
-    int move_count;
-    sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
-    sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
-    ndli_qualities taken; /* what undoing the top split removes */
-    sb_real *sorted[2];
-    int *groups;
-    void *scratch;
-};
 
 /* ---- memory ---- */
 
@@ -141,6 +53,7 @@ static void ndli_remesh_layout(ndl_remesh *r, sbi_arena *arena, size_t n)
     r->undone.tets = (ndli_patch_tet *)sbi_arena_take(arena, n, sizeof(ndli_patch_tet));
     r->moving = (int *)sbi_arena_take(arena, 2 * n + 8, 4 * sizeof(int));
     r->groups = (int *)sbi_arena_take(arena, 2 * n + 8, sizeof(int));
+    r->kept = (int *)sbi_arena_take(arena, n + 8, 4 * sizeof(int));
     for (int i = 0; i < 2; i++)
         r->sorted[i] = (sb_real *)sbi_arena_take(arena, 6 * n + 16, sizeof(sb_real));
 }
@@ -171,36 +84,6 @@ static int ndli_remesh_scratch(ndl_remesh *r, int needed)
     return 1;
 }
 
-static int ndli_remesh_grow(ndl_remesh *r, void **array, int *capacity, int used, int needed, size_t size)
-{
-    size_t room = (size_t)needed + (size_t)needed / 2;
-    void *grown;
-    if (needed <= *capacity)
-        return 1;
-    grown = sbi_alloc(&r->def.allocator, room, size);
-    if (!grown)
-        return 0;
-    if (used)
-        memcpy(grown, *array, (size_t)used * size);
-    sbi_free(&r->def.allocator, *array);
-    *array = grown;
-    *capacity = (int)room;
-    return 1;
-}
-
-/* Memory for a needle of so many nodes, splits and pool entries; what it has stays. */
-static int ndli_remesh_make_room(ndl_remesh *r, ndli_needle *needle, const int *counts)
-{
-    void *nodes = needle->nodes, *stack = needle->stack, *pool = needle->pool;
-    int good = ndli_remesh_grow(r, &nodes, &needle->node_capacity, needle->count, counts[0], sizeof(int));
-    needle->nodes = (int *)nodes;
-    good = good && ndli_remesh_grow(r, &stack, &needle->stack_capacity, needle->depth, counts[1], sizeof(ndli_split));
-    needle->stack = (ndli_split *)stack;
-    good = good && ndli_remesh_grow(r, &pool, &needle->pool_capacity, needle->pool_count, counts[2], sizeof(int));
-    needle->pool = (int *)pool;
-    return good;
-}
-
 /* All that one operation may need, before anything changes. */
 static int ndli_remesh_reserve(ndl_remesh *r)
 {
@@ -209,7 +92,7 @@ static int ndli_remesh_reserve(ndl_remesh *r)
     counts[0] = needle->count + 1;
     counts[1] = needle->depth + 1;
     counts[2] = needle->pool_count + tets;
-    return ndli_remesh_make_room(r, needle, counts) && ndli_tissue_reserve(r->mesh, 1, tets);
+    return ndli_remesh_make_room(r, needle, counts) && ndli_topology_reserve(r->mesh, 1, tets);
 }
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void)
@@ -230,8 +113,8 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
 {
     if (!def || def->cookie != NDLI_REMESH_COOKIE)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by ndl_default_remesh_def");
-    if (!def->tissue || !def->tissue->block)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "tissue is NULL or empty");
+    if (!def->body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "body is NULL");
     if (def->max_needles < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_needles is %d", def->max_needles);
     if (def->interfaces != NDL_INTERFACE_KEEP_NODES && def->interfaces != NDL_INTERFACE_MOVE)
@@ -247,74 +130,54 @@ static sb_result ndli_remesh_check_def(const ndl_remesh_def *def, sb_error *erro
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
+/* ---- the body's own changes ---- */
+
+/* Others may change the mesh while no needle has. */
+static sb_result ndli_remesh_hear(void *user, const sb_body *body, const sb_mesh_change *change, sb_error *error)
 {
-    ndl_remesh *made;
-    sb_result result = ndli_remesh_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    if (!remesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (made) {
-        made->def = *def;
-        made->mesh = def->tissue;
-        made->needles = (ndli_needle *)sbi_alloc_zeroed(&def->allocator, (size_t)def->max_needles, sizeof(ndli_needle));
-    }
-    if (!made || !made->needles || !ndli_remesh_scratch(made, 256)) {
-        ndl_remesh_destroy(made);
-        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
-    }
-    *remesh = made;
+    const ndl_remesh *r = (const ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    if (r->own || r->stale || ndli_topology_is_original(r->mesh))
+        return SB_OK;
+    return sbi_fail(error, SB_ERROR_STATE, "needles have changed the mesh: draw them out before others change it");
+}
+
+static void ndli_remesh_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    (void)body;
+    (void)change;
+    r->stale = r->stale || !r->own;
+}
+
+/* Reads the body's mesh again once it is another: needles that were in it are not in this one. */
+static sb_result ndli_remesh_freshen(ndl_remesh *r, sb_error *error)
+{
+    if (!r->stale)
+        return SB_OK;
+    if (!ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to read the mesh that the body now has");
+    for (int i = 0; i < r->def.max_needles; i++)
+        r->needles[i].count = r->needles[i].depth = r->needles[i].pool_count = 0;
+    r->release_cursor = 0;
+    r->stale = 0;
     return SB_OK;
 }
 
-NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
+NDLI_API sb_result ndli_remesh_look(ndl_remesh *remesh, sb_error *error)
 {
-    sb_allocator allocator;
-    if (!remesh)
-        return;
-    allocator = remesh->def.allocator;
-    for (int i = 0; remesh->needles && i < remesh->def.max_needles; i++) {
-        sbi_free(&allocator, remesh->needles[i].nodes);
-        sbi_free(&allocator, remesh->needles[i].stack);
-        sbi_free(&allocator, remesh->needles[i].pool);
-    }
-    sbi_free(&allocator, remesh->needles);
-    sbi_free(&allocator, remesh->scratch);
-    sbi_free(&allocator, remesh);
+    sb_result result = ndli_remesh_freshen(remesh, error);
+    if (result == SB_OK)
+        ndli_topology_look(remesh->mesh, remesh->body);
+    return result;
 }
 
-NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
-{
-    ndli_needle *n;
-    int counts[3];
-    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
-    if (needle < 0 || needle >= remesh->def.max_needles)
-        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
-    n = remesh->needles + needle;
-    counts[0] = counts[1] = nodes;
-    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
-    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
-    return SB_OK;
-}
+NDLI_API void ndli_remesh_set_own(ndl_remesh *remesh, int own) { remesh->own = own; }
+NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh) { return remesh->stale; }
+NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh) { return remesh->mesh; }
 
 /* ---- the patch ---- */
-
-static int ndli_remesh_has(const int nodes[4], int node)
-{
-    return nodes[0] == node || nodes[1] == node || nodes[2] == node || nodes[3] == node;
-}
-
-static int ndli_remesh_holds(const int nodes[4], const int *simplex, int size)
-{
-    for (int i = 0; i < size; i++)
-        if (!ndli_remesh_has(nodes, simplex[i]))
-            return 0;
-    return 1;
-}
 
 /* Nodes of the needle counted from its tip; -1 when there are not so many. */
 static int ndli_remesh_from_tip(const ndli_needle *needle, int i)
@@ -347,7 +210,7 @@ static void ndli_remesh_end_gather(ndl_remesh *r)
 /* Adds the tets of a node that are not there yet; 0: no memory. */
 static int ndli_remesh_gather(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     for (int k = node < 0 ? -1 : mesh->node_star[node]; k >= 0; k = mesh->corner_next[k]) {
         ndli_patch_tet *to;
         int tet = k / 4;
@@ -371,7 +234,7 @@ static int ndli_remesh_gather(ndl_remesh *r, int node)
 /* Tet that was cut, from its parts: the part that has `node` in place of simplex[j] knows the face opposite that. */
 static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, const int *parts, ndli_patch_tet *parent)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     const int *n = mesh->tets + 4 * (size_t)parts[0];
     parent->slot = -1;
     parent->skin = 0;
@@ -384,7 +247,7 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tissue_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
                                           mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
 }
 
@@ -397,7 +260,7 @@ static sb_real ndli_remesh_least_weight(const ndl_remesh *r, const int nodes[4],
 {
     const sb_vec3 *p = r->mesh->X;
     sb_real w[4];
-    ndli_tissue_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
+    ndli_tet_weights(p[nodes[0]], p[nodes[1]], p[nodes[2]], p[nodes[3]], X, w);
     return sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
 }
 
@@ -452,7 +315,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
-    return ndli_tissue_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
+    return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
                                ndli_remesh_at(r, n[3]));
 }
 
@@ -652,8 +515,8 @@ typedef enum ndli_move {
 static int ndli_remesh_is_bound(const ndl_remesh *r, int node)
 {
     int flags = r->mesh->node_flags[node];
-    return (flags & (NDL_NODE_FIXED | NDL_NODE_BOUNDARY)) ||
-           ((flags & (NDL_NODE_INTERFACE | NDL_NODE_CREATED)) == NDL_NODE_INTERFACE &&
+    return (flags & (NDLI_NODE_FIXED | NDLI_NODE_BOUNDARY)) ||
+           ((flags & (NDLI_NODE_INTERFACE | NDLI_NODE_CREATED)) == NDLI_NODE_INTERFACE &&
             r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
 }
 
@@ -667,7 +530,7 @@ static int ndli_remesh_may_snap(const ndl_remesh *r, int node, ndli_move move)
 {
     if (ndli_remesh_is_bound(r, node))
         return 0;
-    if (!(r->mesh->node_flags[node] & NDL_NODE_NEEDLE))
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_NEEDLE))
         return 1;
     return move == NDLI_SNAP_TIP ? node == ndli_remesh_from_tip(r->needles + r->needle, 0)
                                  : move != NDLI_AHEAD && node == ndli_remesh_anchor(r, move);
@@ -861,7 +724,7 @@ static void ndli_remesh_draft_tets(ndl_remesh *r, const ndli_candidate *c)
 static sb_real ndli_remesh_draft_quality(const ndli_draft *d, int tet)
 {
     const int *n = d->tets + 4 * (size_t)tet;
-    return ndli_tissue_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
+    return ndli_tet_quality(d->X[n[0]], d->X[n[1]], d->X[n[2]], d->X[n[3]]);
 }
 
 static void ndli_remesh_draft_stars(ndl_remesh *r)
@@ -884,11 +747,11 @@ static void ndli_remesh_draft_free(ndl_remesh *r, const ndli_candidate *c)
     int tip = ndli_remesh_from_tip(r->needles + r->needle, 0);
     for (int i = 0; i < r->table_count; i++) {
         int node = r->table[i], flags = r->mesh->node_flags[node];
-        int fixed = (flags & (NDL_NODE_BOUNDARY | NDL_NODE_FIXED)) ||
-                    ((flags & NDL_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
+        int fixed = (flags & (NDLI_NODE_BOUNDARY | NDLI_NODE_FIXED)) ||
+                    ((flags & NDLI_NODE_INTERFACE) && r->def.interfaces == NDL_INTERFACE_KEEP_NODES);
         if (c->drops_tip && node == tip)
-            flags &= ~NDL_NODE_NEEDLE;
-        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDL_NODE_NEEDLE))
+            flags &= ~NDLI_NODE_NEEDLE;
+        if ((c->size == 1 && node == c->simplex[0]) || (c->undo && node == tip) || (flags & NDLI_NODE_NEEDLE))
             fixed = 1;
         r->draft.is_free[i] = (unsigned char)(!fixed && r->table_whole[i]);
     }
@@ -1206,7 +1069,11 @@ static void ndli_remesh_pop(ndl_remesh *r, int index)
 {
     ndli_needle *needle = r->needles + index;
     const ndli_split *top = needle->stack + needle->depth - 1;
-    ndli_tissue_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
+    ndli_leaving *leaving = r->leaving + r->leaving_count++;
+    leaving->node = top->node;
+    leaving->size = top->size;
+    memcpy(leaving->simplex, top->simplex, sizeof leaving->simplex);
+    ndli_topology_mend(r->mesh, top->node, top->simplex, top->size, needle->pool + top->first, top->count);
     needle->pool_count = top->first;
     needle->depth--;
 }
@@ -1225,50 +1092,223 @@ static void ndli_remesh_push_split(ndl_remesh *r, const ndli_candidate *c, int n
     r->mesh->owner[node] = r->needle;
 }
 
-/* Does the best candidate; returns the node at X_new. */
-static int ndli_remesh_do(ndl_remesh *r, int start)
+/* ---- the body follows ---- */
+
+enum { NDLI_MAX_HEIRS = 32 };
+
+typedef struct ndli_heirs {
+    int nodes[NDLI_MAX_HEIRS], count;
+    sb_real weights[NDLI_MAX_HEIRS];
+} ndli_heirs;
+
+static const ndli_leaving *ndli_remesh_leaving(const ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    for (int i = 0; i < r->leaving_count; i++)
+        if (r->leaving[i].node == node)
+            return r->leaving + i;
+    return NULL;
+}
+
+static void ndli_remesh_add_heir(ndli_heirs *heirs, int node, sb_real weight)
+{
+    for (int k = 0; k < heirs->count; k++)
+        if (heirs->nodes[k] == node) {
+            heirs->weights[k] += weight;
+            return;
+        }
+    heirs->nodes[heirs->count] = node;
+    heirs->weights[heirs->count++] = weight;
+}
+
+/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that go, too,
+ * stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
+static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *heirs)
+{
+    const ndli_leaving *l = ndli_remesh_leaving(r, node);
+    heirs->count = 0;
+    for (int k = 0; l && k < l->size; k++)
+        ndli_remesh_add_heir(heirs, l->simplex[k], (sb_real)1 / (sb_real)l->size);
+    for (int i = 0; i < heirs->count;) {
+        sb_real weight = heirs->weights[i];
+        int parts;
+        l = ndli_remesh_leaving(r, heirs->nodes[i]);
+        if (!l) {
+            i++;
+            continue;
+        }
+        heirs->count--;
+        heirs->nodes[i] = heirs->nodes[heirs->count];
+        heirs->weights[i] = heirs->weights[heirs->count];
+        parts = heirs->count + l->size <= NDLI_MAX_HEIRS ? l->size : 1;
+        for (int k = 0; k < parts; k++)
+            ndli_remesh_add_heir(heirs, l->simplex[k], weight / (sb_real)parts);
+        i = 0;
+    }
+}
+
+/* Moved nodes first: where their motion comes from is named by the slots of before. */
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    int plan = 0;
+    for (int i = 0; i < c->node_count && result == SB_OK; i++)
+        if (!c->nodes[i].created)
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
+                                              4, error);
+    for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
+        int event = c->node_events[i].node, slot = 0;
+        ndli_heirs heirs;
+        if (event < 0) {
+            ndli_remesh_find_heirs(r, ~event, &heirs);
+            result = sb_body_change_remove_node(to, ~event, heirs.nodes, heirs.weights, heirs.count, error);
+            continue;
+        }
+        while (!c->nodes[plan].created)
+            plan++;
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
+                                         error);
+        SB_ASSERT(result != SB_OK || slot == event);
+        plan++;
+    }
+    return result;
+}
+
+static sb_change_cell ndli_remesh_cell(const ndl_remesh *r, int tet, int parent)
+{
+    sb_change_cell cell = sb_default_change_cell();
+    cell.nodes = r->mesh->tets + 4 * (size_t)tet;
+    cell.parent = parent;
+    return cell;
+}
+
+/* 1: a node of the tet has come, maybe in the slot of one that has gone. */
+static int ndli_remesh_is_renewed(const ndli_topology_change *c, const int nodes[4])
+{
+    for (int i = 0; i < c->node_event_count; i++)
+        if (c->node_events[i].node >= 0 && ndli_remesh_has(nodes, c->node_events[i].node))
+            return 1;
+    return 0;
+}
+
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+{
+    sb_result result = SB_OK;
+    for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
+        int event = c->tet_events[i], slot = 0;
+        if (event < 0) {
+            result = sb_body_change_remove_cell(to, ~event, error);
+        } else {
+            sb_change_cell cell = ndli_remesh_cell(r, event, r->mesh->parents[event]);
+            result = sb_body_change_add_cell(to, &cell, &slot, error);
+            SB_ASSERT(result != SB_OK || slot == event);
+        }
+    }
+    for (int i = 0; i < c->changed_count && result == SB_OK; i++) {
+        int tet = c->changed[i];
+        sb_change_cell cell = ndli_remesh_cell(r, tet, tet);
+        if (memcmp(cell.nodes, sb_body_cell_nodes(r->body, tet), 4 * sizeof(int)) != 0 ||
+            ndli_remesh_is_renewed(c, cell.nodes))
+            result = sb_body_change_replace_cell(to, tet, &cell, error);
+    }
+    return result;
+}
+
+/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at the
+ * begin. */
+static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
+{
+    ndli_topology_change change;
+    sb_body_change *to = NULL;
+    sb_result result;
+    ndli_topology_end(r->mesh, &change);
+    result = sb_body_change_begin(r->body, &to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_nodes(r, &change, to, error);
+    if (result == SB_OK)
+        result = ndli_remesh_send_tets(r, &change, to, error);
+    r->own = 1;
+    if (result == SB_OK)
+        result = sb_body_change_commit(to, error);
+    r->own = 0;
+    r->leaving_count = 0;
+    if (result != SB_OK) {
+        sb_body_change_cancel(to);
+        ndli_topology_take_back(r->mesh, r->body);
+    }
+    r->mesh->x = sb_body_positions(r->body);
+    return result;
+}
+
+/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of the
+ * smoothed nodes. */
+static int ndli_remesh_plan_moves(ndl_remesh *r, int *slide)
+{
+    ndli_topology *mesh = r->mesh;
     const ndli_candidate *c = r->final;
-    int plan, slide = -1, node, first_move;
-    ndli_tissue_begin(mesh);
-    plan = ndli_tissue_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
-    first_move = mesh->change_count;
+    int first = mesh->change_count;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
-    if (c->slid_moves)
-        slide = ndli_tissue_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4);
+        ndli_topology_plan(mesh, r->moves[i].node, r->moves[i].X, mesh->node_star[r->moves[i].node] / 4);
+    *slide = c->slid_moves ? ndli_topology_plan(mesh, c->slid, c->slid_X, mesh->node_star[c->slid] / 4) : -1;
+    return first;
+}
+
+/* Does the best candidate; *node: the one at X_new. */
+static sb_result ndli_remesh_do(ndl_remesh *r, int start, int *node, sb_error *error)
+{
+    ndli_topology *mesh = r->mesh;
+    ndli_needle *needle = r->needles + r->needle;
+    const ndli_candidate *c = r->final;
+    int plan, slide, first_move, depth = needle->depth, pool_count = needle->pool_count;
+    ndli_split top;
+    sb_result result;
+    memset(&top, 0, sizeof top);
+    if (c->undo) {
+        top = needle->stack[depth - 1];
+        memcpy(r->kept, needle->pool + top.first, (size_t)(pool_count - top.first) * sizeof(int));
+    }
+    ndli_topology_begin(mesh);
+    plan = ndli_topology_plan(mesh, c->size == 1 ? c->simplex[0] : -1, c->X, start);
+    first_move = ndli_remesh_plan_moves(r, &slide);
     if (c->undo)
         ndli_remesh_pop(r, r->needle);
     if (c->size == 1) {
-        ndli_tissue_move(mesh, plan);
+        ndli_topology_move(mesh, plan);
     } else {
-        int count = ndli_tissue_cut(mesh, c->simplex, c->size, plan, r->groups);
+        int count = ndli_topology_cut(mesh, c->simplex, c->size, plan, r->groups);
         ndli_remesh_push_split(r, c, mesh->changes[plan].node, count);
     }
-    node = mesh->changes[plan].node;
+    *node = mesh->changes[plan].node;
     for (int i = 0; i < r->move_count; i++)
-        ndli_tissue_move(mesh, first_move + i);
+        ndli_topology_move(mesh, first_move + i);
     if (slide >= 0)
-        ndli_tissue_move(mesh, slide);
-    ndli_tissue_end(mesh);
+        ndli_topology_move(mesh, slide);
+    result = ndli_remesh_commit(r, error);
+    if (result != SB_OK) {
+        needle->depth = depth;
+        needle->pool_count = pool_count;
+        if (c->undo) {
+            needle->stack[depth - 1] = top;
+            memcpy(needle->pool + top.first, r->kept, (size_t)(pool_count - top.first) * sizeof(int));
+        }
+        return result;
+    }
     r->info.smoothed += r->move_count;
     r->info.operation = (ndl_operation)c->size;
     r->info.undone = c->undo;
-    return node;
+    return SB_OK;
 }
 
 static void ndli_remesh_release_node(ndl_remesh *r, int node)
 {
-    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDL_NODE_NEEDLE);
-    if (!(r->mesh->node_flags[node] & NDL_NODE_CREATED))
+    r->mesh->node_flags[node] = (unsigned char)(r->mesh->node_flags[node] & ~NDLI_NODE_NEEDLE);
+    if (!(r->mesh->node_flags[node] & NDLI_NODE_CREATED))
         r->mesh->owner[node] = -1;
 }
 
 static void ndli_remesh_add_node(ndl_remesh *r, int node)
 {
     ndli_needle *needle = r->needles + r->needle;
-    r->mesh->node_flags[node] |= NDL_NODE_NEEDLE;
+    r->mesh->node_flags[node] |= NDLI_NODE_NEEDLE;
     r->mesh->owner[node] = r->needle;
     if (ndli_remesh_from_tip(needle, 0) != node)
         needle->nodes[needle->count++] = node;
@@ -1276,7 +1316,7 @@ static void ndli_remesh_add_node(ndl_remesh *r, int node)
 
 /* ---- afterwards: release ---- */
 
-static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
+static sb_real ndli_remesh_star_least(const ndli_topology *mesh, int node)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0; k = mesh->corner_next[k])
@@ -1285,7 +1325,7 @@ static sb_real ndli_remesh_star_least(const ndl_tissue_mesh *mesh, int node)
 }
 
 /* Worst quality about a node if it were at X; anything <= floor when that is not better than floor. */
-static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec3 X, sb_real floor)
+static sb_real ndli_remesh_star_at(const ndli_topology *mesh, int node, sb_vec3 X, sb_real floor)
 {
     sb_real least = SB_REAL_MAX;
     for (int k = mesh->node_star[node]; k >= 0 && least > floor; k = mesh->corner_next[k]) {
@@ -1293,7 +1333,7 @@ static sb_real ndli_remesh_star_at(const ndl_tissue_mesh *mesh, int node, sb_vec
         sb_vec3 p[4];
         for (int c = 0; c < 4; c++)
             p[c] = n[c] == node ? X : mesh->X[n[c]];
-        least = sb_min(least, ndli_tissue_quality(p[0], p[1], p[2], p[3]));
+        least = sb_min(least, ndli_tet_quality(p[0], p[1], p[2], p[3]));
     }
     return least;
 }
@@ -1308,29 +1348,30 @@ static int ndli_remesh_is_ours(const ndl_remesh *r, int node)
     return 1;
 }
 
-static void ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
+/* 1: done; 0: the body refuses. */
+static int ndli_remesh_move_node(ndl_remesh *r, int node, sb_vec3 X)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
-    ndli_tissue_move(mesh, ndli_tissue_plan(mesh, node, X, mesh->node_star[node] / 4));
-    ndli_tissue_end(mesh);
+    ndli_topology *mesh = r->mesh;
+    ndli_topology_begin(mesh);
+    ndli_topology_move(mesh, ndli_topology_plan(mesh, node, X, mesh->node_star[node] / 4));
+    return ndli_remesh_commit(r, NULL) == SB_OK;
 }
 
 /* Moves a released node as far towards its own place as the tets about it allow; 1: it moved. */
 static int ndli_remesh_send_home(ndl_remesh *r, int node)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     sb_vec3 way = sb_v3_sub(mesh->X0[node], mesh->X[node]);
     sb_real enough;
-    if ((mesh->node_flags[node] & NDL_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
+    if ((mesh->node_flags[node] & NDLI_NODE_NEEDLE) || !ndli_remesh_is_ours(r, node))
         return 0;
     enough = sb_min(ndli_remesh_star_least(mesh, node), r->def.release_above);
     for (int quarters = 4; quarters > 0; quarters--) {
         sb_vec3 X = quarters == 4 ? mesh->X0[node] : sb_v3_madd(mesh->X[node], (sb_real)quarters / 4, way);
         if (ndli_remesh_star_at(mesh, node, X, 0) >= enough) {
-            ndli_remesh_move_node(r, node, X);
-            r->info.released++;
-            return 1;
+            int moved = ndli_remesh_move_node(r, node, X);
+            r->info.released += moved;
+            return moved;
         }
     }
     return 0;
@@ -1341,9 +1382,10 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
 {
     const ndli_needle *needle = r->needles + index;
     const ndli_split *top = ndli_remesh_top(needle);
+    int depth = needle->depth, pool_count = needle->pool_count;
     ndli_patch_tet parent;
     sb_real least = SB_REAL_MAX;
-    if (!top || (r->mesh->node_flags[top->node] & NDL_NODE_NEEDLE))
+    if (!top || (r->mesh->node_flags[top->node] & NDLI_NODE_NEEDLE))
         return 0;
     for (int g = 0; g < top->count; g++) {
         ndli_remesh_parent(r, top, needle->pool + top->first + top->size * g, &parent);
@@ -1351,16 +1393,19 @@ static int ndli_remesh_pop_spare(ndl_remesh *r, int index)
     }
     if (!(least >= sb_min(ndli_remesh_star_least(r->mesh, top->node), r->def.release_above)))
         return 0;
-    ndli_tissue_begin(r->mesh);
+    ndli_topology_begin(r->mesh);
     ndli_remesh_pop(r, index);
-    ndli_tissue_end(r->mesh);
-    return 1;
+    if (ndli_remesh_commit(r, NULL) == SB_OK)
+        return 1;
+    r->needles[index].depth = depth;
+    r->needles[index].pool_count = pool_count;
+    return 0;
 }
 
 /* A few nodes each time, in turn. */
 static void ndli_remesh_release(ndl_remesh *r)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
+    ndli_topology *mesh = r->mesh;
     int tries = sbi_min_int(mesh->displaced_count, NDLI_RELEASES);
     for (int i = 0; i < r->def.max_needles; i++)
         while (ndli_remesh_pop_spare(r, i))
@@ -1439,7 +1484,8 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 {
     ndli_needle *needle = r->needles + r->needle;
     int holders[2][4], *holder = holders[0], *undone_holder = holders[1];
-    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node;
+    int tip = ndli_remesh_from_tip(needle, 0), can_undo, node, flags, owner, count;
+    sb_result result;
     memcpy(holder, r->mesh->tets + 4 * (size_t)start, sizeof holders[0]);
     if (!ndli_remesh_prepare(r, X, holder, undone_holder, &can_undo) || !ndli_remesh_reserve(r))
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for remeshing about needle %d", r->needle);
@@ -1458,11 +1504,20 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for smoothing about needle %d", r->needle);
     if (r->outcome < sb_min(r->before, r->enough))
         return ndli_remesh_fail_operation(r, error);
+    flags = r->mesh->node_flags[tip];
+    owner = r->mesh->owner[tip];
+    count = needle->count;
     if (r->final[0].undo || r->final[0].drops_tip) {
         needle->count--; /* the old tip is no part of the needle any more */
         ndli_remesh_release_node(r, tip);
     }
-    node = ndli_remesh_do(r, start);
+    result = ndli_remesh_do(r, start, &node, error);
+    if (result != SB_OK) {
+        needle->count = count;
+        r->mesh->node_flags[tip] = (unsigned char)flags;
+        r->mesh->owner[tip] = owner;
+        return result;
+    }
     ndli_remesh_add_node(r, node);
     r->info.substeps++;
     ndli_remesh_tidy(r);
@@ -1473,10 +1528,14 @@ static sb_result ndli_remesh_operate(ndl_remesh *r, sb_vec3 X, int start, int pe
 
 static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, ndl_remesh_info *info, sb_error *error)
 {
+    sb_result result;
     if (!r)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
     if (needle < 0 || needle >= r->def.max_needles)
         return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, r->def.max_needles);
+    result = ndli_remesh_look(r, error);
+    if (result != SB_OK)
+        return result;
     if (is_in >= 0 && (r->needles[needle].count > 0) != is_in)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "needle %d is %s the tissue", needle,
                         is_in ? "not in" : "already in");
@@ -1492,7 +1551,7 @@ static sb_result ndli_remesh_begin_call(ndl_remesh *r, int needle, int is_in, nd
 
 NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     sb_real shortest = SB_REAL_MAX;
     int tip, behind;
     if (!remesh || needle < 0 || needle >= remesh->def.max_needles || !remesh->needles[needle].count)
@@ -1511,7 +1570,7 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle)
 
 static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     sb_real share = 1; /* of the limit, smaller while no operation is found */
     for (int i = 0; i < NDLI_MAX_SUBSTEPS; i++) {
         int tip = ndli_remesh_from_tip(r->needles + r->needle, 0), last, tet;
@@ -1521,7 +1580,7 @@ static sb_result ndli_remesh_advance(ndl_remesh *r, sb_vec3 X, int penetrates, s
         last = !(length > limit);
         if (!last)
             to = sb_v3_madd(mesh->X[tip], limit / length, way);
-        tet = ndl_tissue_mesh_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
+        tet = ndli_topology_find(mesh, mesh->X, to, mesh->node_star[tip] / 4, NULL);
         if (tet < 0) {
             r->info.outside = 1;
             return SB_OK;
@@ -1559,13 +1618,13 @@ static sb_result ndli_remesh_move_tip(ndl_remesh *r, int needle, sb_vec3 X, int 
 NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3 X, sb_real enough,
                                          ndl_remesh_info *info)
 {
-    const ndl_tissue_mesh *mesh = remesh->mesh;
+    const ndli_topology *mesh = remesh->mesh;
     sb_result result = ndli_remesh_begin_call(remesh, needle, 1, info, NULL);
     int tip, tet;
     if (result != SB_OK)
         return result;
     tip = ndli_remesh_from_tip(remesh->needles + needle, 0);
-    tet = ndl_tissue_mesh_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
+    tet = ndli_topology_find(mesh, mesh->X, X, mesh->node_star[tip] / 4, NULL);
     remesh->enough = enough;
     result = tet < 0 ? SB_ERROR_MESH : ndli_remesh_operate(remesh, X, tet, 1, NULL);
     if (info)
@@ -1576,16 +1635,23 @@ NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3
 NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                        sb_error *error)
 {
-    return ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 1, info, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 1, result);
+    return result;
 }
 
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error)
 {
     ndl_remesh_info done;
-    sb_result result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_move_tip(remesh, needle, X_new, 0, &done, error);
     if (result == SB_OK && done.outside)
-        ndl_remesh_withdraw(remesh, needle, NULL, NULL);
+        result = ndl_remesh_withdraw(remesh, needle, NULL, error);
+    ndli_remesh_tell_move(remesh, needle, X_new, 0, result);
     if (result == SB_OK && done.outside)
         done.worst_quality = 1;
     if (info && remesh)
@@ -1633,7 +1699,7 @@ static void ndli_remesh_try_entry(ndl_remesh *r, const int *simplex, int size, s
     t->undo = t->drops_tip = t->slid_moves = 0;
     t->slid = -1;
     if (size == 1 && memcmp(&X, r->mesh->X + simplex[0], sizeof X) != 0 &&
-        (r->mesh->node_flags[simplex[0]] & (NDL_NODE_FIXED | NDL_NODE_INTERFACE)))
+        (r->mesh->node_flags[simplex[0]] & (NDLI_NODE_FIXED | NDLI_NODE_INTERFACE)))
         return;
     if (!ndli_remesh_keeps_skin(r))
         return;
@@ -1689,7 +1755,7 @@ static int ndli_remesh_try_entries(ndl_remesh *r, const int holder[4], const int
 
 static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hit *hit, sb_error *error)
 {
-    const ndl_tissue_mesh *mesh = r->mesh;
+    const ndli_topology *mesh = r->mesh;
     if (!hit)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "hit is NULL");
     if (hit->tet < 0 || hit->tet >= mesh->tet_end || mesh->tets[4 * (size_t)hit->tet] < 0 || hit->face < 0 ||
@@ -1705,7 +1771,8 @@ static sb_result ndli_remesh_check_hit(const ndl_remesh *r, const ndl_surface_hi
 
 static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *hit, sb_real slip, sb_error *error)
 {
-    int holder[4], face[3], k = 0, good = 1, node;
+    int holder[4], face[3], k = 0, good = 1, node = -1;
+    sb_result result = SB_OK;
     memcpy(holder, r->mesh->tets + 4 * (size_t)hit->tet, sizeof holder);
     for (int c = 0; c < 4; c++)
         if (c != hit->face)
@@ -1728,8 +1795,10 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else
-        node = ndli_remesh_do(r, hit->tet);
-    r->mesh->node_flags[node] |= NDL_NODE_BOUNDARY;
+        result = ndli_remesh_do(r, hit->tet, &node, error);
+    if (result != SB_OK)
+        return result;
+    r->mesh->node_flags[node] |= NDLI_NODE_BOUNDARY;
     ndli_remesh_add_node(r, node);
     r->info.substeps = 1;
     ndli_remesh_tidy(r);
@@ -1752,26 +1821,41 @@ NDLI_API sb_result ndli_remesh_puncture_within(ndl_remesh *remesh, int needle, c
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error)
 {
-    return ndli_remesh_puncture_within(remesh, needle, hit, remesh ? remesh->def.entry_slip : 0, info, error);
+    sb_real slip = remesh ? remesh->def.entry_slip : 0;
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_puncture_within(remesh, needle, hit, slip, info, error);
+    ndli_remesh_tell_puncture(remesh, needle, hit, slip, result);
+    return result;
 }
 
 /* The whole way back at once: whatever lies between, the mesh that comes out is the original one. */
-static void ndli_remesh_restore(ndl_remesh *r)
+static sb_result ndli_remesh_restore(ndl_remesh *r, sb_error *error)
 {
-    ndl_tissue_mesh *mesh = r->mesh;
-    ndli_tissue_begin(mesh);
+    ndli_topology *mesh = r->mesh;
+    sb_result result;
+    ndli_topology_begin(mesh);
     for (int i = 0; i < mesh->displaced_count; i++) {
         int node = mesh->displaced[i];
-        ndli_tissue_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
+        ndli_topology_plan(mesh, node, mesh->X0[node], mesh->node_star[node] / 4);
     }
     for (int i = 0; i < r->def.max_needles; i++)
-        while (r->needles[i].depth)
+        for (r->needles[i].undone = 0; r->needles[i].depth; r->needles[i].undone++)
             ndli_remesh_pop(r, i);
     for (int i = 0; i < mesh->change_count; i++)
-        ndli_tissue_move(mesh, i);
-    ndli_tissue_end(mesh);
-    ndli_tissue_reset_densities(mesh);
-    r->info.released += mesh->change_count;
+        ndli_topology_move(mesh, i);
+    result = mesh->change_count || mesh->node_event_count ? ndli_remesh_commit(r, error) : SB_OK;
+    for (int i = 0; i < r->def.max_needles && result != SB_OK; i++) {
+        ndli_needle *needle = r->needles + i;
+        needle->depth = needle->undone;
+        if (needle->depth) {
+            const ndli_split *top = needle->stack + needle->depth - 1;
+            needle->pool_count = top->first + top->size * top->count;
+        }
+    }
+    if (result == SB_OK)
+        r->info.released += mesh->change_count;
+    return result;
 }
 
 /* As much of it as leaves sound tets: other needles are still in. */
@@ -1789,25 +1873,62 @@ static void ndli_remesh_restore_partly(ndl_remesh *r)
     }
 }
 
-NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+/* The needle's nodes in the tissue are on it (in), or are like others. */
+static void ndli_remesh_mark(ndl_remesh *r, int needle, int in)
+{
+    const ndli_needle *n = r->needles + needle;
+    for (int i = 0; i < n->count; i++) {
+        if (in) {
+            r->mesh->node_flags[n->nodes[i]] |= NDLI_NODE_NEEDLE;
+            r->mesh->owner[n->nodes[i]] = needle;
+        } else {
+            ndli_remesh_release_node(r, n->nodes[i]);
+        }
+    }
+}
+
+static sb_result ndli_remesh_do_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
 {
     sb_result result = ndli_remesh_begin_call(remesh, needle, -1, info, error);
-    int others = 0;
+    int others = 0, count;
     if (result != SB_OK || !remesh->needles[needle].count)
         return result;
-    for (int i = 0; i < remesh->needles[needle].count; i++)
-        ndli_remesh_release_node(remesh, remesh->needles[needle].nodes[i]);
+    count = remesh->needles[needle].count;
+    ndli_remesh_mark(remesh, needle, 0);
     remesh->needles[needle].count = 0;
     for (int i = 0; i < remesh->def.max_needles; i++)
         others += remesh->needles[i].count > 0;
     if (others)
         ndli_remesh_restore_partly(remesh);
     else
-        ndli_remesh_restore(remesh);
+        result = ndli_remesh_restore(remesh, error);
+    if (result != SB_OK) {
+        remesh->needles[needle].count = count;
+        ndli_remesh_mark(remesh, needle, 1);
+        return result;
+    }
     remesh->info.outside = 1;
     if (info)
         *info = remesh->info;
     return SB_OK;
+}
+
+NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error)
+{
+    sb_result result;
+    ndli_remesh_hush(remesh);
+    result = ndli_remesh_do_withdraw(remesh, needle, info, error);
+    ndli_remesh_tell_withdraw(remesh, needle, result);
+    return result;
+}
+
+NDLI_API void ndli_remesh_let_go(ndl_remesh *remesh, int needle)
+{
+    if (ndl_remesh_withdraw(remesh, needle, NULL, NULL) == SB_OK)
+        return;
+    if (!remesh->stale)
+        ndli_remesh_mark(remesh, needle, 0);
+    remesh->needles[needle].count = 0;
 }
 
 NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *count)
@@ -1820,7 +1941,7 @@ NDL_API const int *ndl_remesh_nodes(const ndl_remesh *remesh, int needle, int *c
 
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X)
 {
-    const ndl_tissue_mesh *mesh;
+    const ndli_topology *mesh;
     int count, start, tet;
     const int *nodes = ndl_remesh_nodes(remesh, needle, &count);
     sb_real most = -SB_REAL_MAX;
@@ -1828,11 +1949,11 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
         return 0;
     mesh = remesh->mesh;
     start = mesh->node_star[nodes[count - 1]] / 4;
-    tet = ndl_tissue_mesh_find(mesh, mesh->x, x, start, NULL);
+    tet = ndli_topology_find(mesh, mesh->x, x, start, NULL);
     for (int k = tet < 0 ? mesh->node_star[nodes[count - 1]] : -1; k >= 0; k = mesh->corner_next[k]) {
         const int *n = mesh->tets + 4 * (size_t)(k / 4);
         sb_real w[4], least;
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         least = sb_min(sb_min(w[0], w[1]), sb_min(w[2], w[3]));
         if (least > most) {
             most = least;
@@ -1842,7 +1963,7 @@ NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_v
     {
         const int *n = mesh->tets + 4 * (size_t)(tet < 0 ? start : tet);
         sb_real w[4];
-        ndli_tissue_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
+        ndli_tet_weights(mesh->x[n[0]], mesh->x[n[1]], mesh->x[n[2]], mesh->x[n[3]], x, w);
         *X = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
             *X = sb_v3_madd(*X, w[c], mesh->X[n[c]]);
@@ -1855,412 +1976,191 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle)
     return remesh && needle >= 0 && needle < remesh->def.max_needles ? remesh->needles[needle].depth : 0;
 }
 
-/* ---- state ---- */
-
-static const char ndli_remesh_magic[9] = "NDLREME\x1a";
-
-typedef struct ndli_remesh_head {
-    double smooth_below, release_above, entry_slip;
-    uint64_t mesh; /* hash of the tissue's topology; 0 in snapshots */
-    int order, max_needles, interfaces, max_smoothed, release_cursor, unused;
-} ndli_remesh_head;
-
-static uint64_t ndli_remesh_hash_mesh(const ndl_tissue_mesh *mesh)
+NDL_API int ndl_remesh_hit(const ndl_remesh *remesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit)
 {
-    size_t nodes = (size_t)mesh->node_end, tets = (size_t)mesh->tet_end;
-    uint64_t hash = ndli_image_hash(nodes, mesh->tets, tets * 4 * sizeof(int));
-    hash = ndli_image_hash(hash, mesh->X, nodes * sizeof(sb_vec3));
-    return ndli_image_hash(hash, mesh->owner, nodes * sizeof(int));
+    return remesh && !remesh->stale ? ndli_topology_hit(remesh->mesh, from, to, hit) : 0;
 }
 
-static void ndli_remesh_fill_head(const ndl_remesh *r, ndli_remesh_head *h)
+NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
+                                sb_real *max_dihedral)
 {
-    memset(h, 0, sizeof *h);
-    h->smooth_below = (double)r->def.smooth_below;
-    h->release_above = (double)r->def.release_above;
-    h->entry_slip = (double)r->def.entry_slip;
-    h->order = NDLI_IMAGE_ORDER;
-    h->max_needles = r->def.max_needles;
-    h->interfaces = (int)r->def.interfaces;
-    h->max_smoothed = r->def.max_smoothed;
-    h->release_cursor = r->release_cursor;
+    if (remesh && !remesh->stale)
+        ndli_topology_quality(remesh->mesh, worst_quality, min_dihedral, max_dihedral);
 }
 
-/* A split's simplex in four places, those that it does not use 0. */
-static void ndli_remesh_walk_split(ndli_split *split, ndli_image *image)
+NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions)
 {
-    ndli_split whole;
-    memset(&whole, 0, sizeof whole);
-    if (image->out) {
-        whole = *split;
-        for (int i = whole.size; i < 4; i++)
-            whole.simplex[i] = 0;
-    }
-    ndli_image_part(image, &whole, 1, sizeof whole);
-    if (image->in)
-        *split = whole;
-}
-
-/* counts: [3] nodes, splits, pool */
-static void ndli_remesh_walk_needle(ndli_needle *needle, const int *counts, ndli_image *image)
-{
-    ndli_image_part(image, needle->nodes, (size_t)counts[0], sizeof(int));
-    for (int i = 0; i < counts[1]; i++) /* measuring: there may be no stack */
-        ndli_remesh_walk_split(needle->stack ? needle->stack + i : NULL, image);
-    ndli_image_part(image, needle->pool, (size_t)counts[2], sizeof(int));
-}
-
-/* Measures or writes. */
-static void ndli_remesh_write(const ndl_remesh *r, uint64_t mesh, ndli_image *image)
-{
-    ndli_remesh_head head;
-    ndli_remesh_fill_head(r, &head);
-    head.mesh = mesh;
-    ndli_image_part(image, &head, 1, sizeof head);
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4] = {r->needles[i].count, r->needles[i].depth, r->needles[i].pool_count, 0};
-        ndli_image_part(image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, image);
-    }
-}
-
-NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *r)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    ndli_remesh_write(r, 0, &image);
-    return image.used;
-}
-
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *r)
-{
-    size_t sum = ndli_image_room(sizeof(ndli_remesh_head));
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const ndli_needle *needle = r->needles + i;
-        sum += ndli_image_room(4 * sizeof(int)) + ndli_image_room((size_t)needle->node_capacity * sizeof(int)) +
-               ndli_image_room((size_t)needle->stack_capacity * sizeof(ndli_split)) +
-               ndli_image_room((size_t)needle->pool_capacity * sizeof(int));
-    }
-    return sum;
-}
-
-NDLI_API void ndli_remesh_snapshot(const ndl_remesh *r, void *buffer)
-{
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer;
-    ndli_remesh_write(r, 0, &image);
-}
-
-NDLI_API void ndli_remesh_rewind(ndl_remesh *r, const void *buffer)
-{
-    ndli_remesh_head head;
-    ndli_image image;
-    memset(&image, 0, sizeof image);
-    image.in = (const unsigned char *)buffer;
-    ndli_image_part(&image, &head, 1, sizeof head);
-    r->release_cursor = head.release_cursor;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        int counts[4];
-        ndli_image_part(&image, counts, 4, sizeof(int));
-        ndli_remesh_walk_needle(r->needles + i, counts, &image);
-        r->needles[i].count = counts[0];
-        r->needles[i].depth = counts[1];
-        r->needles[i].pool_count = counts[2];
-    }
-}
-
-/* Whether the image's splits name slots that there are, and pieces of the pool that there are. */
-static int ndli_remesh_split_holds(const ndl_tissue_mesh *mesh, const ndli_split *s, int pool_count)
-{
-    if (s->node < 0 || s->node >= mesh->node_end || s->size < 2 || s->size > 4 || s->first < 0 || s->count < 1 ||
-        s->count > INT_MAX / 8 || s->first > pool_count - s->size * s->count)
-        return 0;
-    for (int i = 0; i < s->size; i++) {
-        if (s->simplex[i] < 0 || s->simplex[i] >= mesh->node_end)
-            return 0;
-        for (int j = 0; j < i; j++)
-            if (s->simplex[i] == s->simplex[j])
-                return 0;
-    }
-    return 1;
-}
-
-static int ndli_remesh_slots_hold(const unsigned char *slots, int count, int end)
-{
-    for (int i = 0; i < count; i++) {
-        int slot = ndli_image_int(slots, (size_t)i);
-        if (slot < 0 || slot >= end)
-            return 0;
-    }
-    return 1;
-}
-
-/* Checks a needle of the image that has `left` bytes left, and returns how many are the needle's; 0: damaged. counts:
- * out */
-static size_t ndli_remesh_needle_holds(const ndl_tissue_mesh *mesh, const unsigned char *in, size_t left, int counts[4])
-{
-    ndli_needle none;
-    ndli_image image;
-    size_t stack, pool;
-    memset(&none, 0, sizeof none);
-    memset(&image, 0, sizeof image);
-    image.used = 4 * sizeof(int);
-    if (left < image.used)
-        return 0;
-    memcpy(counts, in, 4 * sizeof(int));
-    if (counts[0] < 0 || counts[1] < 0 || counts[2] < 0 || (size_t)counts[0] > left / sizeof(int) ||
-        (size_t)counts[1] > left / sizeof(ndli_split) || (size_t)counts[2] > left / sizeof(int))
-        return 0;
-    stack = image.used + ((size_t)counts[0] * sizeof(int) + 7) / 8 * 8;
-    pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-    ndli_remesh_walk_needle(&none, counts, &image);
-    if (image.overflow || image.used > left ||
-        !ndli_remesh_slots_hold(in + 4 * sizeof(int), counts[0], mesh->node_end) ||
-        !ndli_remesh_slots_hold(in + pool, counts[2], mesh->tet_end))
-        return 0;
-    for (int i = 0; i < counts[1]; i++) {
-        ndli_split split;
-        memcpy(&split, in + stack + (size_t)i * sizeof split, sizeof split);
-        if (!ndli_remesh_split_holds(mesh, &split, counts[2]))
-            return 0;
-    }
-    return image.used;
-}
-
-/* ---- the rehearsal of an image ----
- * Undoing splits trusts the stacks: tets and nodes that it takes out must be those that the splits made. So all splits
- * of an image are undone on a copy of the tissue's topology first. */
-typedef struct ndli_rehearsal {
-    const ndl_tissue_mesh *mesh;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
-    unsigned char *threaded; /* [node_end] 1: on a needle */
-} ndli_rehearsal;
-
-static void ndli_rehearsal_count(ndli_rehearsal *h, const int nodes[4], int step)
-{
-    for (int c = 0; c < 4; c++)
-        h->stars[nodes[c]] += step;
-}
-
-/* Parts of one tet that was cut become that tet again; 0: they are not what a cut leaves. */
-static int ndli_rehearsal_join(ndli_rehearsal *h, const ndli_split *s, const int *parts, int needle)
-{
-    int *first = h->tets + 4 * (size_t)parts[0], whole[4];
-    for (int j = 0; j < s->size; j++) {
-        if (h->takers[parts[j]] != -1 && h->takers[parts[j]] != needle)
-            return 0;
-        h->takers[parts[j]] = needle;
-    }
-    if (first[0] < 0 || !ndli_remesh_has(first, s->node) || ndli_remesh_has(first, s->simplex[0]))
-        return 0;
-    for (int c = 0; c < 4; c++)
-        whole[c] = first[c] == s->node ? s->simplex[0] : first[c];
-    if (!ndli_remesh_holds(whole, s->simplex, s->size))
-        return 0;
-    for (int j = 1; j < s->size; j++) {
-        int *part = h->tets + 4 * (size_t)parts[j];
+    const ndli_topology *mesh;
+    const sb_vec3 *x;
+    if (!remesh || !positions)
+        return SB_ERROR_ARGUMENT;
+    if (remesh->stale)
+        return SB_ERROR_STATE;
+    mesh = remesh->mesh;
+    x = sb_body_positions(remesh->body);
+    memcpy(positions, x, (size_t)mesh->original_nodes * sizeof *x);
+    for (int i = 0; i < mesh->displaced_count; i++) {
+        int node = mesh->displaced[i];
+        sb_real w[4];
+        const int *n = mesh->tets + 4 * (size_t)ndli_topology_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
+        positions[node] = sb_v3(0, 0, 0);
         for (int c = 0; c < 4; c++)
-            if (part[c] != (whole[c] == s->simplex[j] ? s->node : whole[c]))
-                return 0;
-        ndli_rehearsal_count(h, part, -1);
-        part[0] = -1;
+            positions[node] = sb_v3_madd(positions[node], w[c], x[n[c]]);
     }
-    ndli_rehearsal_count(h, first, -1);
-    ndli_rehearsal_count(h, whole, 1);
-    memcpy(first, whole, sizeof whole);
-    return 1;
-}
-
-/* Undoes the stack of a needle, whose splits and pool the image holds from these places on. */
-static int ndli_rehearsal_undo(ndli_rehearsal *h, const unsigned char *stack, int depth, const unsigned char *pool,
-                               int pool_count, int needle)
-{
-    int end = pool_count;
-    for (int i = depth - 1; i >= 0; i--) {
-        ndli_split s;
-        memcpy(&s, stack + (size_t)i * sizeof s, sizeof s);
-        if (s.first + s.size * s.count != end || !(h->mesh->node_flags[s.node] & NDL_NODE_CREATED) ||
-            h->stars[s.simplex[0]] < 1)
-            return 0;
-        end = s.first;
-        for (int g = 0; g < s.count; g++) {
-            int parts[4];
-            memcpy(parts, pool + (size_t)(s.first + s.size * g) * sizeof(int), (size_t)s.size * sizeof(int));
-            if (!ndli_rehearsal_join(h, &s, parts, needle))
-                return 0;
-        }
-        if (h->stars[s.node] != 0)
-            return 0;
-        h->stars[s.node] = -1;
-    }
-    return end == 0;
-}
-
-/* Nodes of a needle, entry first: its own, each once, joined by edges. */
-static int ndli_rehearsal_thread(ndli_rehearsal *h, const unsigned char *nodes, int count, int needle)
-{
-    const ndl_tissue_mesh *mesh = h->mesh;
-    for (int i = 0; i < count; i++) {
-        int node = ndli_image_int(nodes, (size_t)i), joined = i == 0;
-        if (!(mesh->node_flags[node] & NDL_NODE_NEEDLE) || mesh->owner[node] != needle || h->threaded[node])
-            return 0;
-        h->threaded[node] = 1;
-        for (int k = joined ? -1 : mesh->node_star[node]; k >= 0 && !joined; k = mesh->corner_next[k])
-            joined = ndli_remesh_has(mesh->tets + 4 * (size_t)(k / 4), ndli_image_int(nodes, (size_t)i - 1));
-        if (!joined)
-            return 0;
-    }
-    return 1;
-}
-
-static void ndli_rehearsal_free(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    sbi_free(&r->def.allocator, h->tets);
-    sbi_free(&r->def.allocator, h->stars);
-    sbi_free(&r->def.allocator, h->takers);
-    sbi_free(&r->def.allocator, h->threaded);
-}
-
-/* 0: no memory. */
-static int ndli_rehearsal_begin(const ndl_remesh *r, ndli_rehearsal *h)
-{
-    size_t nodes = (size_t)r->mesh->node_end, tets = (size_t)r->mesh->tet_end;
-    h->mesh = r->mesh;
-    h->tets = (int *)sbi_alloc(&r->def.allocator, tets, 4 * sizeof(int));
-    h->stars = (int *)sbi_alloc_zeroed(&r->def.allocator, nodes, sizeof(int));
-    h->takers = (int *)sbi_alloc(&r->def.allocator, tets, sizeof(int));
-    h->threaded = (unsigned char *)sbi_alloc_zeroed(&r->def.allocator, nodes, 1);
-    if (!h->tets || !h->stars || !h->takers || !h->threaded)
-        return 0;
-    memcpy(h->tets, r->mesh->tets, tets * 4 * sizeof(int));
-    for (size_t t = 0; t < tets; t++) {
-        h->takers[t] = -1;
-        if (h->tets[4 * t] >= 0)
-            ndli_rehearsal_count(h, h->tets + 4 * t, 1);
-    }
-    return 1;
-}
-
-/* Every needle of an image whose indices are in their ranges. */
-static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, const unsigned char *in, sb_error *error)
-{
-    const ndl_tissue_mesh *mesh = r->mesh;
-    for (int i = 0; i < r->def.max_needles; i++) {
-        const unsigned char *nodes = in + 4 * sizeof(int), *stack, *pool;
-        int counts[4];
-        memcpy(counts, in, sizeof counts);
-        stack = nodes + ndli_image_room((size_t)counts[0] * sizeof(int));
-        pool = stack + (size_t)counts[1] * sizeof(ndli_split);
-        if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
-            !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the tissue", i);
-        in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
-    }
-    for (int i = 0; i < mesh->node_end; i++)
-        if (mesh->owner[i] >= r->def.max_needles || h->threaded[i] != !!(mesh->node_flags[i] & NDL_NODE_NEEDLE) ||
-            (h->stars[i] >= 0 && (mesh->node_flags[i] & NDL_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
     return SB_OK;
 }
 
-static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *in, sb_error *error)
+NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh)
 {
-    ndli_rehearsal rehearsal;
-    sb_result result;
-    memset(&rehearsal, 0, sizeof rehearsal);
-    result = ndli_rehearsal_begin(r, &rehearsal)
-                 ? ndli_rehearsal_play(r, &rehearsal, in + ndli_image_room(sizeof(ndli_remesh_head)), error)
-                 : sbi_fail(error, SB_ERROR_MEMORY, "out of memory to check the splits of a saved remesher");
-    ndli_rehearsal_free(r, &rehearsal);
-    return result;
+    return remesh && (remesh->stale || ndli_topology_is_original(remesh->mesh));
 }
 
-static sb_result ndli_remesh_check_head(const ndl_remesh *r, const ndli_remesh_head *head, sb_error *error)
+/* Whether the body has these tets at these places. */
+static sb_result ndli_remesh_check_cells(const ndl_remesh *r, sb_error *error)
 {
-    ndli_remesh_head own;
-    ndli_remesh_fill_head(r, &own);
-    if (head->order != NDLI_IMAGE_ORDER)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved remesher is of a machine with another order of bytes");
-    if (head->smooth_below != own.smooth_below || head->release_above != own.release_above ||
-        head->entry_slip != own.entry_slip || head->max_needles != own.max_needles ||
-        head->interfaces != own.interfaces || head->max_smoothed != own.max_smoothed)
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher was made from another def");
-    if (head->mesh != ndli_remesh_hash_mesh(r->mesh))
-        return sbi_fail(error, SB_ERROR_STATE, "the saved remesher is not of this mesh: load the tissue's state first");
-    if (head->release_cursor < 0 || head->release_cursor >= r->mesh->original_nodes) /* only those are displaced */
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: it goes on at displaced node %d",
-                        head->release_cursor);
-    return SB_OK;
-}
-
-/* Checks head and needles of an image; room = 1: makes room for the needles, which the checks have passed. */
-static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t size, int room, sb_error *error)
-{
-    ndli_remesh_head head;
-    size_t at = sizeof head;
-    sb_result result = SB_OK;
-    if (size < sizeof head)
-        return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher ends in its head");
-    memcpy(&head, in, sizeof head);
-    if (!room)
-        result = ndli_remesh_check_head(r, &head, error);
-    for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
-        int counts[4];
-        size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
-        at += used;
-        if (!used)
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged at needle %d", i);
-        if (room && !ndli_remesh_make_room(r, r->needles + i, counts))
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the stack of needle %d", i);
+    const ndli_topology *mesh = r->mesh;
+    const sb_vec3 *X = sb_body_rest_positions(r->body);
+    for (int t = 0; t < mesh->tet_end; t++) {
+        const int *own = mesh->tets + 4 * (size_t)t, *cell = sb_body_cell_nodes(r->body, t);
+        if ((own[0] >= 0) != (cell != NULL) || (cell && memcmp(own, cell, 4 * sizeof(int)) != 0))
+            return sbi_fail_element(error, SB_ERROR_MESH, t, "tet %d is not the body's", t);
+        for (int c = 0; cell && c < 4; c++)
+            if (memcmp(X + cell[c], mesh->X + cell[c], sizeof *X) != 0)
+                return sbi_fail_node(error, SB_ERROR_MESH, cell[c], "node %d is elsewhere in the body", cell[c]);
     }
-    if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has another size than its counts tell");
-    return result;
-}
-
-NDL_API size_t ndl_remesh_state_size(const ndl_remesh *remesh)
-{
-    return remesh ? ndli_remesh_snapshot_size(remesh) + SBI_IMAGE_HEAD + SBI_IMAGE_TAIL : 0;
-}
-
-NDL_API sb_result ndl_remesh_save(const ndl_remesh *remesh, void *buffer, size_t size, sb_error *error)
-{
-    size_t needed = ndl_remesh_state_size(remesh);
-    ndli_image image;
-    if (!remesh || !buffer)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", remesh ? "buffer" : "remesh");
-    if (size < needed)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the state of this remesher takes %lu bytes, not %lu",
-                        (unsigned long)needed, (unsigned long)size);
-    memset(&image, 0, sizeof image);
-    image.out = (unsigned char *)buffer + SBI_IMAGE_HEAD;
-    ndli_remesh_write(remesh, ndli_remesh_hash_mesh(remesh->mesh), &image);
-    sbi_image_seal((unsigned char *)buffer, needed, ndli_remesh_magic, NDLI_IMAGE_VERSION);
     return SB_OK;
 }
 
-NDL_API sb_result ndl_remesh_load(ndl_remesh *remesh, const void *buffer, size_t size, sb_error *error)
+NDL_API sb_result ndl_remesh_check(const ndl_remesh *remesh, sb_error *error)
 {
-    const unsigned char *in;
     sb_result result;
     if (!remesh)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
-    result = ndli_image_check(buffer, size, ndli_remesh_magic, "remesher", error);
+    if (remesh->stale)
+        return SB_OK;
+    result = ndli_topology_check(remesh->mesh, error);
+    return result == SB_OK ? ndli_remesh_check_cells(remesh, error) : result;
+}
+
+/* ---- recording ---- */
+
+static sb_result ndli_remesh_repeat(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                                    size_t real_count, sb_error *error)
+{
+    int needle = ints[1];
+    if (ints[0] == NDLI_COMMAND_PUNCTURE && int_count == 5 && real_count == 5) {
+        ndl_surface_hit hit;
+        hit.tet = ints[3], hit.face = ints[4], hit.along = reals[0], hit.X = sb_v3(reals[1], reals[2], reals[3]);
+        return ndli_remesh_puncture_within(r, needle, &hit, reals[4], NULL, error);
+    }
+    if (ints[0] == NDLI_COMMAND_PENETRATE && real_count == 3)
+        return ndl_remesh_penetrate(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_RETRACT && real_count == 3)
+        return ndl_remesh_retract(r, needle, sb_v3(reals[0], reals[1], reals[2]), NULL, error);
+    if (ints[0] == NDLI_COMMAND_WITHDRAW)
+        return ndl_remesh_withdraw(r, needle, NULL, error);
+    return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that there is not");
+}
+
+static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int_count, const sb_real *reals,
+                                         size_t real_count, sb_error *error)
+{
+    ndl_remesh *r = (ndl_remesh *)user;
+    sb_result result;
+    if (int_count < 3)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
+    if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+    ndli_remesh_hush(r);
+    result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
+    ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
+    if (result == SB_ERROR_FORMAT)
+        return result;
+    if ((int)result != ints[2])
+        return sbi_fail(error, SB_ERROR_STATE, "a call of the remesher returns '%s' where '%s' was recorded",
+                        sb_result_string(result), sb_result_string((sb_result)ints[2]));
+    return SB_OK;
+}
+
+/* ---- creation ---- */
+
+static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
+{
+    if (sbi_body_mesh(body).element_type != SB_TET4)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+    if (sbi_body_node_slots(body).room == 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
+    return SB_OK;
+}
+
+static sb_result ndli_remesh_fill(ndl_remesh *r, sb_error *error)
+{
+    sb_body_listener listener;
+    sb_result result;
+    memset(&listener, 0, sizeof listener);
+    listener.user = r;
+    listener.reserve = ndli_remesh_hear;
+    listener.follow = ndli_remesh_follow;
+    r->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
+    if (!r->needles || !ndli_remesh_scratch(r, 256) || !ndli_topology_read(r->mesh, r->body))
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", r->def.max_needles);
+    result = sb_body_listen(r->body, &listener, &r->listener, error);
+    return result == SB_OK ? ndli_remesh_join(r, ndli_remesh_replay_part, error) : result;
+}
+
+NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error)
+{
+    ndl_remesh *made;
+    sb_result result = ndli_remesh_check_def(def, error);
+    if (result == SB_OK && !remesh)
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "remesh is NULL");
+    if (result == SB_OK)
+        result = ndli_remesh_check_body(def->body, error);
     if (result != SB_OK)
         return result;
-    in = (const unsigned char *)buffer + SBI_IMAGE_HEAD;
-    size = (size_t)sbi_get_bytes((const unsigned char *)buffer + 16, 8) - SBI_IMAGE_HEAD - SBI_IMAGE_TAIL;
-    result = ndli_remesh_pass(remesh, in, size, 0, error);
-    if (result == SB_OK)
-        result = ndli_remesh_rehearse(remesh, in, error);
-    if (result == SB_OK)
-        result = ndli_remesh_pass(remesh, in, size, 1, error);
-    if (result == SB_OK)
-        ndli_remesh_rewind(remesh, in);
-    return result;
+    made = (ndl_remesh *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for a remesher of %d needles", def->max_needles);
+    made->def = *def;
+    made->body = def->body;
+    made->mesh = &made->topology;
+    made->topology.allocator = def->allocator;
+    result = ndli_remesh_fill(made, error);
+    if (result != SB_OK) {
+        ndl_remesh_destroy(made);
+        return result;
+    }
+    *remesh = made;
+    return SB_OK;
+}
+
+NDL_API void ndl_remesh_destroy(ndl_remesh *remesh)
+{
+    sb_allocator allocator;
+    if (!remesh)
+        return;
+    allocator = remesh->def.allocator;
+    ndli_remesh_leave(remesh);
+    if (remesh->listener)
+        sb_body_unlisten(remesh->body, remesh->listener);
+    ndli_remesh_free_knowledge(remesh);
+    sbi_free(&allocator, remesh->scratch);
+    sbi_free(&allocator, remesh);
+}
+
+NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error)
+{
+    ndli_needle *n;
+    int counts[3];
+    if (!remesh || nodes < 0 || nodes > INT_MAX / (4 * NDLI_USUAL_POOL))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "no memory can be taken for a needle of %d nodes", nodes);
+    if (needle < 0 || needle >= remesh->def.max_needles)
+        return sbi_fail(error, SB_ERROR_INDEX, "needle %d of %d", needle, remesh->def.max_needles);
+    n = remesh->needles + needle;
+    counts[0] = counts[1] = nodes;
+    counts[2] = (nodes + 1) * NDLI_USUAL_POOL + 2 * NDLI_USUAL_PATCH + 8;
+    if (!ndli_remesh_make_room(remesh, n, counts) || !ndli_remesh_scratch(remesh, NDLI_USUAL_PATCH))
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", nodes);
+    return SB_OK;
 }

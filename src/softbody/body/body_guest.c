@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "../base/bytes.h"
-#include "live_mesh.h"
+#include "live_private.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -69,6 +69,12 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; 
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
 SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
+{
+    int rows = body->live ? sbi_body_node_slots(body).room : body->matrix.row_count;
+    return sbi_pcg_reserve_guest_room(&body->pcg, &body->matrix, rows, unknowns, nodes, error);
+}
+
 SBI_API int sbi_body_has_constraints(const sb_body *body) { return body->elimination != NULL; }
 SBI_API int sbi_body_load_count(const sb_body *body) { return body->load_count; }
 SBI_API int sbi_body_max_iterations(const sb_body *body) { return body->max_iterations; }
@@ -84,6 +90,44 @@ SBI_API sb_real sbi_body_young(const sb_body *body)
             count++;
         }
     return (sb_real)(sum / (double)count);
+}
+
+/* ---- slots ---- */
+
+static sbi_body_slots sbi_body_view_slots(const sbi_slots *slots)
+{
+    sbi_body_slots view;
+    view.end = slots->fresh;
+    view.room = slots->capacity;
+    view.free = slots->stack;
+    view.free_count = slots->count;
+    return view;
+}
+
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->nodes) : none;
+}
+
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body)
+{
+    sbi_body_slots none = {0, 0, NULL, 0};
+    return body->live ? sbi_body_view_slots(&body->live->cells) : none;
+}
+
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->material_regions[body->cell_material[cell]] : 0;
+}
+
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change))
+{
+    for (int i = 0; body->live && i < body->live->listener_count; i++)
+        if (body->live->listeners[i].calls.follow == follow)
+            return body->live->listeners[i].calls.user;
+    return NULL;
 }
 
 /* ---- shapes ---- */

@@ -6,6 +6,7 @@
 #include "../base/mapping.h"
 #include "../solve/direct.h"
 #include "body.h"
+#include "live_mesh.h"
 #include "step_parts.h"
 
 /* ---- readings ---- */
@@ -21,6 +22,9 @@ SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
 SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
+ * slack. SB_ERROR_MEMORY changes nothing. */
+SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
@@ -28,6 +32,20 @@ SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where f
 SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
+
+/* ---- slots of a mesh that may change ---- */
+typedef struct sbi_body_slots {
+    int end;         /* slots in use and free ones lie below; the next one after the free ones */
+    int room;        /* slots there is memory for; 0: the mesh cannot change */
+    const int *free; /* [free_count] free slots, the last of them the next to be used */
+    int free_count;
+} sbi_body_slots;
+SBI_API sbi_body_slots sbi_body_node_slots(const sb_body *body);
+SBI_API sbi_body_slots sbi_body_cell_slots(const sb_body *body);
+SBI_API int sbi_body_cell_region(const sb_body *body, int cell); /* value in mesh.regions */
+/* The user of the first listener that follows by this call, or NULL: how what several share finds its body's. */
+SBI_API void *sbi_body_find_listener(const sb_body *body,
+                                     void (*follow)(void *user, const sb_body *body, const sb_mesh_change *change));
 
 /* ---- shapes ---- */
 /* Elastic energy (J) of a shape. Returns -1, or the first element that its material does not admit. */

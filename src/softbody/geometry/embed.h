@@ -59,8 +59,8 @@ SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 /* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
  * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
  * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
- * (sb_body_change_commit) the points are wrong unless the embedding follows it (sb_embedding_follow). Where nodes move in
- * the material, as an ndl_tissue's with needles do, ndl_tissue_original_positions gives what is to be handed in. Normals are
+ * (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it (sb_embedding_follow).
+ * Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps

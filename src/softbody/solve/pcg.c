@@ -967,6 +967,39 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     return SB_OK;
 }
 
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error)
+{
+    enum { VECTORS = 4, ALIGNED = 64 }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
+    const sbi_guest *list[1];
+    sbi_pcg_guest_space measured;
+    sbi_arena arena = {NULL, 0, 0};
+    sb_matrix view = *matrix;
+    sbi_guests guests;
+    sbi_guest guest;
+    size_t width = 2 * ((size_t)matrix->block_count / (size_t)sbi_max_int(1, matrix->row_count) + 1); /* of a row */
+    unsigned char *memory;
+    memset(&guest, 0, sizeof guest);
+    guest.unknown_count = unknowns;
+    guest.node_count = nodes;
+    list[0] = &guest;
+    guests.list = list;
+    guests.count = 1;
+    view.row_count = rows;
+    sbi_pcg_lay_out_guests(&guests, &view, &arena, &measured); /* of a guest that takes none */
+    sbi_arena_take(&arena, (size_t)nodes, 3 * VECTORS * sizeof(double) + width * 9 * sizeof(sb_real) + 1);
+    sbi_arena_take(&arena, VECTORS + 2, ALIGNED);
+    if (!arena.overflow && arena.used <= workspace->guest_bytes)
+        return SB_OK;
+    memory = arena.overflow ? NULL : (unsigned char *)sbi_alloc_zeroed(&workspace->allocator, arena.used, 1);
+    if (!memory)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a guest of %d unknowns on %d nodes", unknowns, nodes);
+    sbi_free(&workspace->allocator, workspace->guests);
+    workspace->guests = memory;
+    workspace->guest_bytes = arena.used;
+    return SB_OK;
+}
+
 /* 1 when space was reserved for these. */
 static int sbi_pcg_has_room(const sb_pcg_workspace *workspace, const sbi_guests *guests)
 {

@@ -90,6 +90,10 @@ SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_precondition
  * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
+/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix that
+ * grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
+                                             int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that

@@ -1,0 +1,891 @@
+/* one_body: one organ from the scan to the needle and back: registered, pierced, drawn, saved, recorded and played again.
+ *
+ *     one_body [OPTIONS]              one_body --help lists the options
+ *
+ * An organ (a volume mesh of tet4, or one made here) is registered to a scan of its skin (a point cloud in the organ's
+ * frame, or one made here: the organ is pressed from below, and a camera above it sees a part of it with noise). Loads on
+ * its skin are found that give it that shape, and stay. A needle goes in to a target that has moved with the organ, waits
+ * and is drawn out. Half way in, the state is saved and loaded into a second scene, which must come to the same bits at
+ * the target. All that is done to the body is recorded, and must come to the same bits when it is played on a third. The
+ * organ's fine skin is embedded and drawn where the needle is deepest. Writes PREFIX.png (a look into the organ),
+ * PREFIX.state, PREFIX.record and PREFIX.csv (what the hand feels, tip and target after each step). The last line is
+ *
+ *     registered_mm=... truth_mm=... target_mm=... continued=same|differs replayed=same|differs
+ *     topology=restored|changed seconds=...
+ *
+ * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan from
+ * the organ's fine skin; target_mm: how far from its target the tip came to rest. Exit status: 0, 1 something differs or the mesh is not the first one again, 2 wrong usage or a file
+ * that cannot be read or written, 3 no memory, no registration, or a step failed. */
+#include "system.h"
+
+#if defined(_OPENMP)
+#define SB_USE_OPENMP
+#endif
+#define SB_IMPLEMENTATION
+#define NDL_IMPLEMENTATION
+#define REG_IMPLEMENTATION
+#include "softbody.h"
+
+#include "needle.h"
+#include "register.h"
+
+#include "options.h"
+#include "picture.h"
+
+#define REAL(x) ((sb_real)(x))
+
+enum { EXIT_DIFFERS = 1, EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
+
+static const double STEP = 0.02, SPEED = 0.02;         /* s, m/s of the tip */
+static const double SLEEVE = 0.080, STANDOFF = 0.035;  /* m before the skin at rest: the sleeve, and the tip */
+static const double APPROACH = 1, REST = 0.5;          /* s: the sleeve goes to its place; the needle waits */
+
+typedef struct settings {
+    const char *mesh, *skin, *scan, *prefix;
+    double scale, young, poisson, friction, cutting, noise, push, azimuth, elevation;
+    int cells, steps, help;
+} settings;
+
+/* A body with a needle before it. */
+typedef struct scene {
+    sb_body *body;
+    ndl_needle *needle;
+} scene;
+
+typedef struct work {
+    const settings *set;
+    sb_mesh organ, skin;       /* of tets; its fine surface */
+    int *held, held_count;     /* nodes that do not move */
+    reg_cloud scan;
+    sb_vec3 *truth;            /* displacements of the nodes when the scan was made here (m), or NULL */
+    sb_vec3 target, direction; /* m in the organ at rest; unit vector of the needle */
+    sb_vec3 entry;             /* m, on the skin at rest */
+    int target_cell;           /* of the organ's mesh */
+    double target_weights[4];
+    scene main, second, third;
+    sb_embedding *embedding;
+    sb_recording *recording;
+    sb_output csv;             /* csv.file is NULL: none is open */
+    sb_vec3 offset;            /* m from the sleeve's first place to that before the target */
+    int approach_steps, insert_steps, rest_steps, retract_steps, save_step; /* of the needle */
+    uint64_t reached;          /* hash of the body at the target */
+    sb_vec3 reached_tip;
+    double registered, wrong, missed; /* m */
+    int continued, replayed, restored;
+} work;
+
+/* ---- messages -------------------------------------------------------------------------------------------------- */
+
+static int complain(int status, const char *about, const char *message)
+{
+    progress_end();
+    fprintf(stderr, "one_body: %s%s%s\n", about ? about : "", about ? ": " : "", message);
+    return status;
+}
+
+static int complain_of(int status, const char *about, const sb_error *error)
+{
+    char place[300];
+    if (error->file[0] && error->line > 0)
+        snprintf(place, sizeof place, "%s:%d", error->file, error->line);
+    else
+        snprintf(place, sizeof place, "%s", error->file);
+    return complain(error->result == SB_ERROR_MEMORY ? (int)EXIT_SOLVE : status, place[0] ? place : about, error->message);
+}
+
+static int complain_memory(void) { return complain(EXIT_SOLVE, NULL, "not enough memory"); }
+
+/* PREFIX and what follows it. */
+static void name_file(const work *w, const char *ending, char path[PATH_SIZE])
+{
+    snprintf(path, PATH_SIZE, "%s%s", w->set->prefix, ending);
+}
+
+/* ---- the organ ------------------------------------------------------------------------------------------------- */
+
+static sb_result copy_boundary(const sb_mesh *volume, sb_mesh *surface, sb_error *error)
+{
+    sb_boundary boundary;
+    sb_result result = sb_mesh_boundary(volume, 1, NULL, &boundary, error);
+    if (result == SB_OK) {
+        result = sb_mesh_copy(&boundary.surface, NULL, surface, error);
+        sb_boundary_free(&boundary);
+    }
+    return result;
+}
+
+/* The organ of --mesh, or one made with --cells. */
+static int make_organ(work *w)
+{
+    const settings *set = w->set;
+    sb_error error;
+    if (set->mesh) {
+        sb_load_options options = sb_default_load_options();
+        options.scale = REAL(set->scale);
+        if (sb_mesh_load(&w->organ, set->mesh, &options, &error) != SB_OK)
+            return complain_of(EXIT_USAGE, set->mesh, &error);
+        if (w->organ.element_type != SB_TET4)
+            return complain(EXIT_USAGE, set->mesh, "the organ must be a volume mesh of tets with 4 nodes");
+    } else if (sb_mesh_organ(SB_TET4, set->cells, NULL, &w->organ, &error) != SB_OK) {
+        return complain_of(EXIT_USAGE, NULL, &error);
+    }
+    return 0;
+}
+
+/* Its fine skin: --skin, or of an organ made here that of one three times as fine, or its own. */
+static int make_skin(work *w)
+{
+    const settings *set = w->set;
+    sb_mesh fine;
+    sb_error error;
+    sb_result result;
+    if (set->skin) {
+        sb_load_options options = sb_default_load_options();
+        options.scale = REAL(set->scale);
+        if (sb_mesh_load(&w->skin, set->skin, &options, &error) != SB_OK)
+            return complain_of(EXIT_USAGE, set->skin, &error);
+        if (w->skin.element_type != SB_TRI3)
+            return complain(EXIT_USAGE, set->skin, "the skin must be a surface of triangles");
+        return 0;
+    }
+    if (set->mesh)
+        return copy_boundary(&w->organ, &w->skin, &error) == SB_OK ? 0 : complain_of(EXIT_USAGE, set->mesh, &error);
+    result = sb_mesh_organ(SB_TET4, 3 * set->cells < 60 ? 3 * set->cells : 60, NULL, &fine, &error);
+    if (result == SB_OK) {
+        result = copy_boundary(&fine, &w->skin, &error);
+        sb_mesh_free(&fine);
+    }
+    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, NULL, &error);
+}
+
+static sb_vec3 share_of_box(const work *w, double x, double y, double z)
+{
+    sb_vec3 low, high;
+    sb_mesh_bounds(&w->organ, &low, &high);
+    return sb_v3(low.x + REAL(x) * (high.x - low.x), low.y + REAL(y) * (high.y - low.y), low.z + REAL(z) * (high.z - low.z));
+}
+
+/* Where the vessels are that hold it: behind, about the middle of its width. */
+static int hold_organ(work *w)
+{
+    sb_vec3 low = share_of_box(w, 0.35, 0.75, 0), high = share_of_box(w, 0.75, 1, 1);
+    w->held = (int *)malloc((size_t)w->organ.node_count * sizeof *w->held);
+    if (!w->held)
+        return complain_memory();
+    for (int i = 0; i < w->organ.node_count; i++) {
+        sb_vec3 x = w->organ.nodes[i];
+        if (x.x >= low.x && x.x <= high.x && x.y >= low.y)
+            w->held[w->held_count++] = i;
+    }
+    return w->held_count >= 3 ? 0 : complain(EXIT_USAGE, w->set->mesh, "has no nodes in the middle behind to be held by");
+}
+
+/* Shares of a tet's nodes in a point; returns the least, negative when it is outside. */
+static double tet_weights(const sb_mesh *mesh, int tet, sb_vec3 p, double weights[4])
+{
+    const int *n = mesh->elements + 4 * (size_t)tet;
+    sb_vec3 e[4];
+    double whole, least = 1;
+    for (int c = 1; c < 4; c++)
+        e[c] = sb_v3_sub(mesh->nodes[n[c]], mesh->nodes[n[0]]);
+    p = sb_v3_sub(p, mesh->nodes[n[0]]);
+    whole = (double)sb_v3_dot(e[1], sb_v3_cross(e[2], e[3]));
+    weights[1] = (double)sb_v3_dot(p, sb_v3_cross(e[2], e[3])) / whole;
+    weights[2] = (double)sb_v3_dot(p, sb_v3_cross(e[3], e[1])) / whole;
+    weights[3] = (double)sb_v3_dot(p, sb_v3_cross(e[1], e[2])) / whole;
+    weights[0] = 1 - weights[1] - weights[2] - weights[3];
+    for (int c = 0; c < 4; c++)
+        least = fmin(least, weights[c]);
+    return least;
+}
+
+/* A target in the thick part, and a way to it from above that no edges of the mesh run along. */
+static int choose_way(work *w)
+{
+    sb_surface *skin = NULL;
+    sb_surface_hit hit;
+    sb_error error;
+    sb_vec3 low, high, from;
+    double size;
+    sb_mesh_bounds(&w->organ, &low, &high);
+    size = (double)sb_v3_norm(sb_v3_sub(high, low));
+    if (size < 0.05 || size > 1)
+        return complain(EXIT_USAGE, w->set->mesh, "needles need an organ of 5 cm to 1 m; see --scale");
+    w->target = share_of_box(w, 0.33, 0.47, 0.5);
+    w->direction = sb_v3(REAL(0.1), REAL(0.2), -1);
+    w->direction = sb_v3_scale(1 / sb_v3_norm(w->direction), w->direction);
+    w->target_cell = -1;
+    for (int e = 0; e < w->organ.element_count && w->target_cell < 0; e++)
+        if (tet_weights(&w->organ, e, w->target, w->target_weights) >= 0)
+            w->target_cell = e;
+    if (w->target_cell < 0)
+        return complain(EXIT_USAGE, w->set->mesh, "there is no organ where the target should be");
+    if (sb_surface_create(&w->skin, NULL, &skin, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, w->set->skin, &error);
+    from = sb_v3_madd(w->target, REAL(-2 * size), w->direction);
+    if (!sb_surface_ray(skin, from, w->direction, SB_REAL_MAX, &hit)) {
+        sb_surface_destroy(skin);
+        return complain(EXIT_USAGE, w->set->skin, "there is no skin above the target");
+    }
+    w->entry = hit.point;
+    sb_surface_destroy(skin);
+    return 0;
+}
+
+/* ---- scenes ---------------------------------------------------------------------------------------------------- */
+
+/* One linear system a step, in which what STEP cannot resolve is damped away; room for the mesh to follow the needle. */
+static sb_body_def body_def(const work *w)
+{
+    sb_body_def def = sb_default_body_def();
+    def.mesh = &w->organ;
+    def.material = sb_material_corotated(REAL(w->set->young), REAL(w->set->poisson), 1050);
+    def.integrator = SB_GENERALISED_ALPHA;
+    def.spectral_radius = 0;
+    def.max_newton = 1;
+    def.damping_stiffness = REAL(0.01);
+    def.tolerance = REAL(1e-4);
+    def.slack = REAL(0.2);
+#if defined(SB_USE_OPENMP)
+    def.jobs = sb_jobs_openmp();
+#endif
+    return def;
+}
+
+static sb_result make_body(const work *w, sb_body **body, sb_error *error)
+{
+    sb_body_def def = body_def(w);
+    sb_result result = sb_body_create(&def, body, error);
+    return result == SB_OK ? sb_body_hold(*body, w->held, w->held_count, SB_XYZ, error) : result;
+}
+
+/* The same organ and needle each time; the needle's sleeve stands off, clear of the organ wherever that goes. */
+static int make_scene(const work *w, scene *s)
+{
+    ndl_friction friction = {REAL(w->set->friction), 5, REAL(w->set->cutting), 0, 0};
+    ndl_needle_def def = ndl_default_needle_def();
+    sb_error error;
+    sb_result result = make_body(w, &s->body, &error);
+    if (result == SB_OK) {
+        def.body = s->body;
+        def.base = sb_v3_madd(w->entry, REAL(-SLEEVE), w->direction);
+        def.direction = w->direction;
+        def.length = REAL(SLEEVE - STANDOFF);
+        def.frictions = &friction;
+        def.friction_count = 1;
+        def.entry_slip = 0; /* the needle enters where it is aimed at */
+        result = ndl_needle_create(&def, &s->needle, &error);
+    }
+    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with its needle", &error);
+}
+
+static void free_scene(scene *s)
+{
+    ndl_needle_destroy(s->needle);
+    sb_body_destroy(s->body);
+}
+
+/* Where the target is (m), by where the nodes of the organ's mesh are. */
+static sb_vec3 target_among(const work *w, const sb_vec3 *nodes)
+{
+    const int *n = w->organ.elements + 4 * (size_t)w->target_cell;
+    sb_vec3 x = sb_v3(0, 0, 0);
+    for (int c = 0; c < 4; c++)
+        x = sb_v3_madd(x, REAL(w->target_weights[c]), nodes[n[c]]);
+    return x;
+}
+
+/* ---- the scan -------------------------------------------------------------------------------------------------- */
+
+/* Evenly spread in [0, 1), the same on every machine. */
+static double draw(uint64_t *seed)
+{
+    uint64_t z = *seed += 0x9e3779b97f4a7c15u; /* splitmix64 */
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+    return (double)((z ^ z >> 31) >> 11) / 9007199254740992.0;
+}
+
+/* The nodes of the skin that are pressed: within a tenth of the organ's size of the place below the thick part. */
+static int find_pressed(const work *w, const sb_boundary *boundary, int *nodes)
+{
+    sb_vec3 low, high, place = share_of_box(w, 0.3, 0.35, 0);
+    int count = 0;
+    sb_real reach;
+    sb_mesh_bounds(&w->organ, &low, &high);
+    reach = REAL(0.1) * sb_v3_norm(sb_v3_sub(high, low));
+    for (int i = 0; i < boundary->surface.node_count; i++) {
+        sb_vec3 x = boundary->surface.nodes[i];
+        double aside = hypot((double)(x.x - place.x), (double)(x.y - place.y));
+        if (aside < (double)reach && x.z < REAL(0.5) * (low.z + high.z))
+            nodes[count++] = boundary->nodes[i];
+    }
+    return count;
+}
+
+/* Presses the organ from below; keeps where that takes its nodes. */
+static sb_result press_organ(work *w, sb_body *body, sb_error *error)
+{
+    sb_boundary boundary;
+    sb_static_options options = sb_default_static_options();
+    sb_step_info info;
+    int *nodes, count;
+    sb_vec3 force;
+    sb_result result = sb_mesh_boundary(&w->organ, 1, NULL, &boundary, error);
+    if (result != SB_OK)
+        return result;
+    nodes = (int *)malloc((size_t)boundary.surface.node_count * sizeof *nodes);
+    w->truth = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *w->truth);
+    count = nodes ? find_pressed(w, &boundary, nodes) : 0;
+    force = sb_v3(0, 0, count ? REAL(w->set->push / count) : 0);
+    result = !nodes || !w->truth ? SB_ERROR_MEMORY : sb_body_apply_forces(body, nodes, count, &force, 1, error);
+    options.load_steps = 4;
+    if (result == SB_OK) {
+        result = sb_body_solve_static(body, &options, &info);
+        *error = info.error;
+    }
+    if (result == SB_OK)
+        memcpy(w->truth, sb_body_displacements(body), (size_t)w->organ.node_count * sizeof *w->truth);
+    free(nodes);
+    sb_boundary_free(&boundary);
+    return result;
+}
+
+/* What a camera above sees of the skin: the middles of triangles that face it, with noise along their normals. */
+static sb_result look_at(work *w, const sb_vec3 *points, sb_error *error)
+{
+    int count = 0;
+    uint64_t seed = 1;
+    sb_vec3 *seen = (sb_vec3 *)malloc((size_t)w->skin.element_count * sizeof *seen);
+    sb_vec3 *normals = (sb_vec3 *)malloc((size_t)w->skin.element_count * sizeof *normals);
+    sb_result result = SB_ERROR_MEMORY;
+    for (int e = 0; seen && normals && e < w->skin.element_count; e++) {
+        const int *n = w->skin.elements + 3 * (size_t)e;
+        sb_vec3 a = points[n[0]], b = points[n[1]], c = points[n[2]];
+        sb_vec3 normal = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(c, a));
+        double noise = w->set->noise * 1e-3 * 1.732 * (draw(&seed) + draw(&seed) - 1) * 1.414; /* of that deviation */
+        if (!(normal.z > REAL(0.35) * sb_v3_norm(normal)))
+            continue;
+        normals[count] = sb_v3_scale(1 / sb_v3_norm(normal), normal);
+        seen[count] = sb_v3_scale(REAL(1.0 / 3), sb_v3_add(a, sb_v3_add(b, c)));
+        seen[count] = sb_v3_madd(seen[count], REAL(noise), normals[count]);
+        count++;
+    }
+    if (seen && normals)
+        result = reg_cloud_from_points(&w->scan, seen, normals, count, NULL, error);
+    free(seen);
+    free(normals);
+    return result;
+}
+
+static sb_result embed_skin(work *w, sb_error *error)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    def.mesh = &w->organ;
+    def.surface = &w->skin;
+    return sb_embedding_create(&def, &w->embedding, error);
+}
+
+static int make_scan(work *w)
+{
+    sb_body *body = NULL;
+    sb_vec3 *points = (sb_vec3 *)malloc((size_t)w->skin.node_count * sizeof *points);
+    sb_error error;
+    sb_result result;
+    memset(&error, 0, sizeof error);
+    snprintf(error.message, sizeof error.message, "not enough memory");
+    error.result = SB_ERROR_MEMORY;
+    progress_show(0.02, "a scan is made");
+    result = points ? make_body(w, &body, &error) : SB_ERROR_MEMORY;
+    if (result == SB_OK)
+        result = press_organ(w, body, &error);
+    if (result == SB_OK)
+        result = sb_embedding_update(w->embedding, sb_body_positions(body), points, NULL, NULL);
+    if (result == SB_OK)
+        result = look_at(w, points, &error);
+    sb_body_destroy(body);
+    free(points);
+    return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the scan", &error);
+}
+
+static int get_scan(work *w)
+{
+    sb_error error;
+    if (embed_skin(w, &error) != SB_OK)
+        return complain_of(EXIT_USAGE, w->set->skin, &error);
+    if (!w->set->scan)
+        return make_scan(w);
+    if (reg_cloud_load(&w->scan, w->set->scan, REAL(w->set->scale), NULL, &error) != SB_OK)
+        return complain_of(EXIT_USAGE, w->set->scan, &error);
+    return 0;
+}
+
+/* ---- registration ---------------------------------------------------------------------------------------------- */
+
+static int run_match(work *w, reg_match *match)
+{
+    reg_match_info info = reg_match_get_info(match);
+    char words[64];
+    for (int i = 0; i < w->set->steps; i++) {
+        if (reg_match_run(match, 1, &info) != SB_OK)
+            return complain_of(EXIT_SOLVE, "registration", &info.error);
+        snprintf(words, sizeof words, "registration, %.2f mm off", 1e3 * (double)info.mean_distance);
+        progress_show(0.05 + 0.1 * i / w->set->steps, words);
+        if (info.stop != REG_MATCH_STEP_CAP)
+            break;
+    }
+    return 0;
+}
+
+/* Loads on the skin that give the organ the shape it was matched to, and that hold it from now on. */
+static int hold_shape(work *w, reg_match *match)
+{
+    reg_loads_def def = reg_default_loads_def();
+    reg_loads_info info;
+    int count = w->organ.node_count, *nodes = (int *)malloc((size_t)count * sizeof *nodes);
+    sb_vec3 *forces = (sb_vec3 *)malloc((size_t)count * sizeof *forces);
+    int status = nodes && forces ? 0 : complain_memory();
+    sb_error error;
+    def.match = match;
+    progress_show(0.15, "loads on the skin");
+    if (!status && reg_loads_run(&def, forces, &info) != SB_OK)
+        status = complain_of(EXIT_SOLVE, "loads", &info.error);
+    for (int i = 0; !status && i < count; i++)
+        nodes[i] = i;
+    if (!status && sb_body_apply_forces(w->main.body, nodes, count, forces, 0, &error) != SB_OK)
+        status = complain_of(EXIT_SOLVE, "loads", &error);
+    free(nodes);
+    free(forces);
+    return status;
+}
+
+/* Mean distance (m) of nodes from where they were when the scan was made. */
+static double error_of(const work *w)
+{
+    const sb_vec3 *u = sb_body_displacements(w->main.body);
+    double sum = 0;
+    for (int i = 0; i < w->organ.node_count; i++)
+        sum += (double)sb_v3_norm(sb_v3_sub(u[i], w->truth[i]));
+    return sum / w->organ.node_count;
+}
+
+/* Mean distance (m) of the scan's points from the fine skin where the organ is now. */
+static sb_result measure_fit(work *w, sb_error *error)
+{
+    sb_mesh skin = w->skin;
+    sb_surface *surface = NULL;
+    sb_result result = SB_ERROR_MEMORY;
+    double sum = 0;
+    skin.nodes = (sb_vec3 *)malloc((size_t)skin.node_count * sizeof *skin.nodes);
+    if (skin.nodes)
+        result = sb_embedding_update(w->embedding, sb_body_positions(w->main.body), skin.nodes, NULL, NULL);
+    if (result == SB_OK)
+        result = sb_surface_create(&skin, NULL, &surface, error);
+    for (int i = 0; result == SB_OK && i < w->scan.count; i++) {
+        sb_surface_hit hit;
+        if (sb_surface_closest(surface, w->scan.points[i], SB_REAL_MAX, &hit))
+            sum += (double)hit.distance;
+    }
+    w->registered = sum / w->scan.count;
+    sb_surface_destroy(surface);
+    free(skin.nodes);
+    return result;
+}
+
+static int register_organ(work *w)
+{
+    reg_match_def def = reg_default_match_def();
+    reg_match *match = NULL;
+    sb_error error;
+    int status;
+    def.body = w->main.body;
+    def.surface = &w->skin;
+    def.target_points = w->scan.points;
+    def.target_normals = w->scan.normals;
+    def.target_count = w->scan.count;
+    if (reg_match_create(&def, &match, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, "registration", &error);
+    status = run_match(w, match);
+    if (!status)
+        status = hold_shape(w, match);
+    reg_match_destroy(match);
+    if (status)
+        return status;
+    if (measure_fit(w, &error) != SB_OK)
+        return complain_memory();
+    w->offset = sb_v3_sub(target_among(w, sb_body_positions(w->main.body)), w->target);
+    w->wrong = w->truth ? error_of(w) : 0;
+    return 0;
+}
+
+/* ---- the needle ------------------------------------------------------------------------------------------------ */
+
+/* Where the target is now (m). The organ's mesh follows the needle: where its first nodes are tells. */
+static int find_target(const work *w, const scene *s, sb_vec3 *target)
+{
+    sb_vec3 *nodes = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *nodes);
+    sb_result result = nodes ? ndl_remesh_original_positions(ndl_needle_remesh(s->needle), nodes) : SB_ERROR_MEMORY;
+    if (result == SB_OK)
+        *target = target_among(w, nodes);
+    free(nodes);
+    return result == SB_OK ? 0 : complain(EXIT_SOLVE, "the target", sb_result_string(result));
+}
+
+/* Steps of the needle: the sleeve goes to its place, the needle goes in (the organ gives way, and it takes longer than at
+ * rest), waits, and is drawn out. */
+static void plan_way(work *w)
+{
+    double way = STANDOFF + (double)sb_v3_norm(sb_v3_sub(w->target, w->entry));
+    w->approach_steps = (int)(APPROACH / STEP);
+    w->insert_steps = (int)ceil(1.25 * way / (SPEED * STEP));
+    w->rest_steps = (int)(REST / STEP);
+    w->retract_steps = (int)ceil((1.25 * way + 0.005) / (2 * SPEED * STEP));
+    w->save_step = w->approach_steps + (int)((STANDOFF + 0.5 * (way - STANDOFF)) / (SPEED * STEP));
+}
+
+/* The needle is fed until its tip is beside the target, wherever the organ has carried that. */
+static ndl_command command_at(const work *w, const scene *s, sb_vec3 target, int step)
+{
+    double left = (double)sb_v3_dot(sb_v3_sub(target, ndl_needle_tip(s->needle).position), w->direction);
+    double fed = (double)ndl_needle_fed(s->needle);
+    ndl_command command;
+    memset(&command, 0, sizeof command);
+    if (step < w->approach_steps)
+        command.velocity = sb_v3_scale(REAL(1 / (w->approach_steps * STEP)), w->offset);
+    else if (step < w->approach_steps + w->insert_steps)
+        command.insertion = REAL(fmax(0, fmin(SPEED, left / STEP)));
+    else if (step >= w->approach_steps + w->insert_steps + w->rest_steps)
+        command.insertion = REAL(-fmax(0, fmin(2 * SPEED, (fed + 0.005) / STEP)));
+    return command;
+}
+
+static int note_step(work *w, int step)
+{
+    sb_vec3 force, tip = ndl_needle_tip(w->main.needle).position, target;
+    if (find_target(w, &w->main, &target))
+        return EXIT_SOLVE;
+    ndl_needle_base_wrench(w->main.needle, &force, NULL);
+    fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
+            -(double)sb_v3_dot(force, w->direction), 1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * (double)tip.x,
+            1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y,
+            1e3 * (double)target.z);
+    return 0;
+}
+
+static int make_step(const work *w, scene *s, int step)
+{
+    ndl_command command;
+    sb_error error;
+    sb_vec3 target;
+    char place[64];
+    if (find_target(w, s, &target))
+        return EXIT_SOLVE;
+    command = command_at(w, s, target, step);
+    if (ndl_step(s->body, &s->needle, 1, REAL(STEP), &command, NULL, &error) == SB_OK)
+        return 0;
+    snprintf(place, sizeof place, "step %d of the needle", step + 1);
+    return complain_of(EXIT_SOLVE, place, &error);
+}
+
+/* Makes the steps [from, to) of the first scene, and writes what happens. */
+static int make_steps(work *w, int from, int to, const char *words)
+{
+    int all = w->approach_steps + w->insert_steps + w->rest_steps + w->retract_steps, status = 0;
+    char bar[80];
+    for (int i = from; i < to && !status; i++) {
+        status = make_step(w, &w->main, i);
+        if (!status)
+            status = note_step(w, i);
+        snprintf(bar, sizeof bar, "%s, %.1f mm deep", words, 1e3 * (double)ndl_needle_depth(w->main.needle));
+        progress_show(0.2 + 0.5 * i / all, bar);
+    }
+    return status;
+}
+
+/* ---- picture --------------------------------------------------------------------------------------------------- */
+
+/* Of the skin the triangles that look away from the viewer, so that one sees into the organ. */
+static int keep_far_side(sb_mesh *skin, double azimuth, double elevation, const picture *p)
+{
+    picture_vec toward = picture_make_view(azimuth, elevation, p->width, p->height).toward;
+    int *kept = (int *)malloc((size_t)skin->element_count * 3 * sizeof *kept), count = 0;
+    for (int e = 0; kept && e < skin->element_count; e++) {
+        const int *n = skin->elements + 3 * (size_t)e;
+        picture_vec corners[3];
+        for (int c = 0; c < 3; c++)
+            corners[c] = picture_from(skin->nodes[n[c]]);
+        if (picture_dot(picture_face_normal(corners), toward) < 0)
+            memcpy(kept + 3 * (size_t)count++, n, 3 * sizeof *kept);
+    }
+    skin->elements = kept;
+    skin->element_count = count;
+    return kept != NULL;
+}
+
+/* The fine skin where the organ is now; coloured by how far (mm) it has moved. 0: no memory. */
+static int draw_skin(const work *w, picture *p, double *most)
+{
+    size_t count = (size_t)w->skin.node_count;
+    sb_mesh skin = w->skin;
+    sb_vec3 *nodes = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *nodes);
+    sb_vec3 *points = (sb_vec3 *)malloc(count * sizeof *points);
+    sb_real *moved = (sb_real *)malloc(count * sizeof *moved);
+    int good = nodes && points && moved &&
+               ndl_remesh_original_positions(ndl_needle_remesh(w->main.needle), nodes) == SB_OK &&
+               sb_embedding_update(w->embedding, nodes, points, NULL, NULL) == SB_OK;
+    *most = 0;
+    for (size_t i = 0; good && i < count; i++) {
+        moved[i] = 1000 * sb_v3_norm(sb_v3_sub(points[i], w->skin.nodes[i]));
+        *most = fmax(*most, (double)moved[i]);
+    }
+    skin.nodes = points;
+    skin.regions = NULL;
+    good = good && keep_far_side(&skin, w->set->azimuth, w->set->elevation, p);
+    if (good) {
+        picture_add_surface(p, &skin, moved, 0, *most > 0 ? *most : 1);
+        free(skin.elements);
+    }
+    free(nodes);
+    free(points);
+    free(moved);
+    return good;
+}
+
+static int draw_picture(const work *w)
+{
+    const int width = 1280, height = 960;
+    const ndl_rod *rod = ndl_needle_rod(w->main.needle);
+    const sb_vec3 *x = ndl_rod_positions(rod);
+    char path[PATH_SIZE], text[160];
+    double most;
+    sb_vec3 target;
+    picture p;
+    int result = PICTURE_NO_MEMORY;
+    picture_begin(&p, width, height);
+    if (draw_skin(w, &p, &most) && !find_target(w, &w->main, &target)) {
+        for (int i = 0; i < w->scan.count; i += 7)
+            picture_add_capsule(&p, w->scan.points[i], w->scan.points[i], 0.0007, picture_web(0x0072b2));
+        for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
+            picture_add_capsule(&p, x[i], x[i + 1], 0.0012, picture_web(i == 0 ? 0x3d4854 : 0x9aa5b1));
+        picture_add_capsule(&p, target, target, 0.003, picture_web(0xd62728));
+        picture_render(&p, w->set->azimuth, w->set->elevation);
+        picture_colour_bar(&p, "displacement", "mm", 0, most, most);
+        picture_length_bar(&p);
+        picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), "One body: registered, then pierced");
+        snprintf(text, sizeof text, "%.1f mm deep, %.2f mm from the target; dots: the scan",
+                 1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * w->missed);
+        picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), text);
+        name_file(w, ".png", path);
+        result = picture_save_png(&p, path);
+    }
+    picture_end(&p);
+    if (result == PICTURE_NO_FILE)
+        return complain(EXIT_USAGE, path, "cannot be written");
+    return result == PICTURE_OK ? 0 : complain_memory();
+}
+
+/* ---- the run --------------------------------------------------------------------------------------------------- */
+
+static int begin_all(work *w)
+{
+    char path[PATH_SIZE];
+    sb_error error;
+    int status = make_scene(w, &w->main);
+    if (status)
+        return status;
+    if (sb_recording_start(w->main.body, 0, NULL, &w->recording, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, "the recording", &error);
+    name_file(w, ".csv", path);
+    if (sb_output_open(&w->csv, path, &error) != SB_OK)
+        return complain(EXIT_USAGE, path, "cannot be written");
+    fprintf(w->csv.file, "t,push_N,depth_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm\n");
+    printf("organ          %d nodes, %d tets; skin of %d triangles; scan of %d points\n", w->organ.node_count,
+           w->organ.element_count, w->skin.element_count, w->scan.count);
+    return 0;
+}
+
+/* To half of its way, where the state is saved. */
+static int insert_half(work *w)
+{
+    char path[PATH_SIZE];
+    sb_error error;
+    int status;
+    plan_way(w);
+    status = make_steps(w, 0, w->save_step, "goes in");
+    if (status)
+        return status;
+    name_file(w, ".state", path);
+    if (sb_body_state_save_file(w->main.body, path, &error) != SB_OK)
+        return complain_of(EXIT_USAGE, path, &error);
+    return 0;
+}
+
+static int insert_all(work *w)
+{
+    int deepest = w->approach_steps + w->insert_steps + w->rest_steps, status;
+    sb_vec3 target;
+    status = make_steps(w, w->save_step, deepest, "goes in");
+    if (status)
+        return status;
+    w->reached = sb_body_state_hash(w->main.body);
+    w->reached_tip = ndl_needle_tip(w->main.needle).position;
+    if (find_target(w, &w->main, &target))
+        return EXIT_SOLVE;
+    w->missed = (double)sb_v3_norm(sb_v3_sub(target, w->reached_tip));
+    return draw_picture(w);
+}
+
+static int draw_out(work *w)
+{
+    int deepest = w->approach_steps + w->insert_steps + w->rest_steps, status;
+    status = make_steps(w, deepest, deepest + w->retract_steps, "goes out");
+    w->restored = !status && ndl_remesh_is_original(ndl_needle_remesh(w->main.needle));
+    return status;
+}
+
+/* A second scene goes on from the saved state to where the first one was at its deepest. */
+static int go_on_elsewhere(work *w)
+{
+    int deepest = w->approach_steps + w->insert_steps + w->rest_steps, status = make_scene(w, &w->second);
+    char path[PATH_SIZE];
+    sb_error error;
+    sb_vec3 tip;
+    if (status)
+        return status;
+    name_file(w, ".state", path);
+    if (sb_body_state_load_file(w->second.body, path, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, path, &error);
+    for (int i = w->save_step; i < deepest && !status; i++) {
+        status = make_step(w, &w->second, i);
+        progress_show(0.7 + 0.15 * (i - w->save_step) / (deepest - w->save_step), "a second scene goes on");
+    }
+    if (status)
+        return 0; /* it has not come as far: it differs */
+    tip = ndl_needle_tip(w->second.needle).position;
+    w->continued = sb_body_state_hash(w->second.body) == w->reached && memcmp(&tip, &w->reached_tip, sizeof tip) == 0;
+    return 0;
+}
+
+/* The recording, from its file, on a third. */
+static int play_again(work *w)
+{
+    sb_recording *loaded = NULL;
+    sb_recording_report report;
+    char path[PATH_SIZE];
+    sb_error error;
+    sb_result result;
+    int status = make_scene(w, &w->third);
+    if (status)
+        return status;
+    sb_recording_stop(w->recording);
+    name_file(w, ".record", path);
+    if (sb_recording_save_file(w->recording, path, &error) != SB_OK)
+        return complain_of(EXIT_USAGE, path, &error);
+    if (sb_recording_load_file(path, NULL, &loaded, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, path, &error);
+    progress_show(0.85, "the recording is played");
+    result = sb_recording_replay(loaded, w->third.body, &report);
+    w->replayed = result == SB_OK && sb_body_state_hash(w->third.body) == sb_body_state_hash(w->main.body);
+    sb_recording_destroy(loaded);
+    if (result != SB_OK)
+        complain(0, path, report.error.message[0] ? report.error.message : "plays otherwise than it was recorded");
+    return 0;
+}
+
+static int close_csv(work *w)
+{
+    char path[PATH_SIZE];
+    name_file(w, ".csv", path);
+    return !w->csv.file || sb_output_close(&w->csv, NULL) == SB_OK ? 0 : complain(EXIT_USAGE, path, "cannot be written");
+}
+
+static int print_results(const work *w, double seconds)
+{
+    progress_end();
+    printf("written        %s.png, %s.csv, %s.state, %s.record\n", w->set->prefix, w->set->prefix, w->set->prefix,
+           w->set->prefix);
+    printf("registered_mm=%.3f ", 1e3 * w->registered);
+    if (w->truth)
+        printf("truth_mm=%.3f ", 1e3 * w->wrong);
+    printf("target_mm=%.3f continued=%s replayed=%s topology=%s seconds=%.1f\n", 1e3 * w->missed,
+           w->continued ? "same" : "differs", w->replayed ? "same" : "differs", w->restored ? "restored" : "changed", seconds);
+    return w->continued && w->replayed && w->restored ? 0 : (int)EXIT_DIFFERS;
+}
+
+static void release(work *w)
+{
+    close_csv(w);
+    sb_recording_destroy(w->recording);
+    sb_embedding_destroy(w->embedding);
+    free_scene(&w->main);
+    free_scene(&w->second);
+    free_scene(&w->third);
+    reg_cloud_free(&w->scan);
+    sb_mesh_free(&w->organ);
+    sb_mesh_free(&w->skin);
+    free(w->held);
+    free(w->truth);
+}
+
+static int run(const settings *set)
+{
+    static int (*const stages[])(work *) = {make_organ,     make_skin,   hold_organ, choose_way, get_scan,
+                                            begin_all,      register_organ, insert_half, insert_all, draw_out,
+                                            go_on_elsewhere, play_again, close_csv};
+    work w;
+    int status = 0;
+    double begin = seconds_now();
+    memset(&w, 0, sizeof w);
+    w.set = set;
+    for (size_t i = 0; i < sizeof stages / sizeof stages[0] && !status; i++)
+        status = stages[i](&w);
+    if (!status)
+        status = print_results(&w, seconds_now() - begin);
+    release(&w);
+    return status;
+}
+
+static int check_settings(const settings *s)
+{
+    if (strlen(s->prefix) > PATH_SIZE - 64)
+        return options_complain("one_body", "-o", "needs a shorter prefix");
+    return 1;
+}
+
+static int program(int argc, char **argv)
+{
+    static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 1, -60, 20, 14, 120, 0};
+    const option options[] = {
+        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0, "organ of tet4; default one made here, like a liver"},
+        {"--cells", "N", OPTION_INTEGER, &s.cells, NULL, NULL, 6, 60, "of the width of an organ made here"},
+        {"--skin", "FILE", OPTION_TEXT, NULL, NULL, &s.skin, 0, 0, "fine surface of the organ; default the mesh's, or made"},
+        {"--scan", "FILE", OPTION_TEXT, NULL, NULL, &s.scan, 0, 0,
+         "points that were seen, in the organ's frame; default made here"},
+        {"--scale", "S", OPTION_NUMBER, NULL, &s.scale, NULL, 1e-9, 1e9, "of the files' lengths, to metres"},
+        {"--noise", "MM", OPTION_NUMBER, NULL, &s.noise, NULL, 0, 10, "of a scan made here"},
+        {"--push", "N", OPTION_NUMBER, NULL, &s.push, NULL, 0, 100, "force that deforms the organ of a scan made here"},
+        {"--young", "PA", OPTION_NUMBER, NULL, &s.young, NULL, 100, 1e9, "of the organ"},
+        {"--poisson", "NU", OPTION_NUMBER, NULL, &s.poisson, NULL, 0, 0.49, "of the organ"},
+        {"--friction", "N/M", OPTION_NUMBER, NULL, &s.friction, NULL, 0, 1000, "along the needle's shaft"},
+        {"--cutting", "N", OPTION_NUMBER, NULL, &s.cutting, NULL, 0, 100, "force at the needle's tip"},
+        {"--steps", "N", OPTION_INTEGER, &s.steps, NULL, NULL, 1, 1e6, "of the registration at most"},
+        {"--azimuth", "DEG", OPTION_NUMBER, NULL, &s.azimuth, NULL, -360, 360, "of the picture"},
+        {"--elevation", "DEG", OPTION_NUMBER, NULL, &s.elevation, NULL, -90, 90, "of the picture"},
+        {"-o", "PREFIX", OPTION_TEXT, NULL, NULL, &s.prefix, 0, 0, "of the files' names"},
+        {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
+        {"-h", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, NULL},
+    };
+    const int count = (int)(sizeof options / sizeof options[0]);
+    if (!options_parse("one_body", options, count, NULL, 0, argc, argv))
+        return EXIT_USAGE;
+    if (s.help) {
+        printf("usage: one_body [OPTIONS]\n\n"
+               "Registers an organ to a scan and takes a needle in and out of it: one body, saved on the way, recorded and\n"
+               "played again.\n\n");
+        options_print(options, count);
+        return 0;
+    }
+    return check_settings(&s) ? run(&s) : (int)EXIT_USAGE;
+}
+
+int main(int argc, char **argv) { return finish("one_body", program(argc, argv), EXIT_USAGE); }

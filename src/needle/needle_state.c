@@ -1,0 +1,344 @@
+/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is not
+ * kept; what the remesher knows is its own part, which is checked before this one. */
+#include "needle_private.h"
+
+#include <string.h>
+
+#include "image.h"
+
+/* By its name it comes behind the remesher's, which it is checked against. */
+static const char ndli_needle_name[] = "needles";
+enum { NDLI_NEEDLE_VERSION = 1 };
+
+/* ---- the image ---- */
+
+typedef struct ndli_site_head {
+    double mean_edge;
+    int order, count;
+    unsigned char used[NDL_MAX_NEEDLES]; /* 1: there is a needle of that index, and its image follows */
+} ndli_site_head;
+
+enum { NDLI_HEAD_VECTORS = 8, NDLI_HEAD_REALS = 4 };
+
+typedef struct ndli_needle_head {
+    uint64_t make; /* hash of what its def says beside the rod */
+    double reals[NDLI_HEAD_REALS];
+    ndli_v3 vectors[NDLI_HEAD_VECTORS];
+    int node_count, first, count, shallow, base_given, hold_steps;
+} ndli_needle_head;
+
+/* The fields that go from step to step, in the order of the head. */
+static void ndli_needle_fields(ndl_needle *needle, double *reals[NDLI_HEAD_REALS], ndli_v3 *vectors[NDLI_HEAD_VECTORS])
+{
+    reals[0] = &needle->edge_length, reals[1] = &needle->fed, reals[2] = &needle->advance;
+    reals[3] = &needle->line.cutting;
+    vectors[0] = &needle->outlet, vectors[1] = &needle->axis, vectors[2] = &needle->given_outlet;
+    vectors[3] = &needle->given_axis, vectors[4] = &needle->given_director, vectors[5] = &needle->heading;
+    vectors[6] = &needle->base_force, vectors[7] = &needle->base_torque;
+}
+
+static uint64_t ndli_state_hash_real(uint64_t hash, sb_real value)
+{
+    double wide = (double)value;
+    return ndli_image_hash(hash, &wide, sizeof wide);
+}
+
+/* Tables, bevel and membranes; of a cutting of the user's own only that there is one. */
+static uint64_t ndli_needle_make(const ndl_needle *needle)
+{
+    uint64_t hash = ndli_state_hash_real((uint64_t)needle->max_trials, needle->entry_slip);
+    hash = sbi_hash_word(hash, (uint64_t)needle->bevel.law + (needle->cutting_at ? 256u : 0u));
+    hash = ndli_state_hash_real(hash, needle->bevel.angle);
+    hash = ndli_state_hash_real(hash, needle->bevel.curvature);
+    for (int i = 0; i < needle->friction_count; i++) {
+        const ndl_friction *f = needle->frictions + i;
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->friction), f->viscous);
+        hash = ndli_state_hash_real(hash, f->cutting);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, f->twist_stiffness), f->twist_friction);
+    }
+    for (int i = 0; i < needle->capsule_count; i++) {
+        const ndl_membrane *m = &needle->capsules[i].def;
+        hash = ndli_image_hash(hash, m->regions, sizeof m->regions);
+        hash = ndli_state_hash_real(ndli_state_hash_real(hash, m->strength), m->thickness);
+    }
+    return hash;
+}
+
+/* stale: the body has got another mesh from others since: a needle is outside of it, as the next step will find. */
+static void ndli_needle_fill_head(const ndl_needle *needle, int stale, ndli_needle_head *h)
+{
+    ndl_needle view = *needle;
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    memset(h, 0, sizeof *h);
+    ndli_needle_fields(&view, reals, vectors);
+    h->make = ndli_needle_make(needle);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        h->reals[i] = *reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        h->vectors[i] = *vectors[i];
+    h->node_count = needle->rod->node_count;
+    h->first = stale ? h->node_count : needle->line.first;
+    h->count = stale ? 0 : needle->line.count;
+    h->shallow = stale ? 0 : needle->shallow;
+    h->base_given = needle->base_given;
+    h->hold_steps = needle->hold_steps;
+}
+
+static void ndli_needle_take_head(ndl_needle *needle, const ndli_needle_head *h)
+{
+    double *reals[NDLI_HEAD_REALS];
+    ndli_v3 *vectors[NDLI_HEAD_VECTORS];
+    ndli_needle_fields(needle, reals, vectors);
+    for (int i = 0; i < NDLI_HEAD_REALS; i++)
+        *reals[i] = h->reals[i];
+    for (int i = 0; i < NDLI_HEAD_VECTORS; i++)
+        *vectors[i] = h->vectors[i];
+    needle->line.first = h->first;
+    needle->line.count = h->count;
+    needle->shallow = h->shallow;
+    needle->base_given = h->base_given;
+    needle->hold_steps = h->hold_steps;
+    needle->blocked = needle->limited = 0;
+}
+
+/* What its nodes in the tissue have. */
+static void ndli_needle_walk(ndl_needle *needle, const ndli_needle_head *h, ndli_image *image)
+{
+    size_t nodes = (size_t)h->count;
+    ndli_image_part(image, needle->path, nodes, sizeof(int));
+    ndli_image_part(image, needle->line.state + h->first, nodes, 1);
+    ndli_image_part(image, needle->line.contact + h->first, nodes, sizeof(ndli_v3));
+}
+
+static void ndli_site_fill_head(const struct ndli_site *site, ndli_site_head *h)
+{
+    memset(h, 0, sizeof *h);
+    h->mean_edge = site->mean_edge;
+    h->order = NDLI_IMAGE_ORDER;
+    h->count = site->count;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        h->used[i] = site->needles[i] != NULL;
+}
+
+static void ndli_site_save(const void *user, sbi_state_out *out)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    int stale = ndli_remesh_is_stale(site->remesh);
+    ndli_site_head head;
+    ndli_image image;
+    memset(&image, 0, sizeof image);
+    image.state = out;
+    ndli_site_fill_head(site, &head);
+    ndli_image_part(&image, &head, 1, sizeof head);
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle view = *site->needles[i];
+            ndli_needle_head needle;
+            ndli_needle_fill_head(&view, stale, &needle);
+            ndli_image_part(&image, &needle, 1, sizeof needle);
+            ndli_needle_walk(&view, &needle, &image);
+            ndli_rod_put(view.rod, out);
+        }
+    out->overflow |= image.overflow;
+}
+
+/* ---- checks ---- */
+
+static int ndli_state_is_number(const double *values, size_t count)
+{
+    int good = 1;
+    for (size_t i = 0; i < count; i++)
+        good &= values[i] - values[i] == 0;
+    return good;
+}
+
+static sb_result ndli_needle_check_head(const ndl_needle *needle, const ndli_needle_head *h, sb_error *error)
+{
+    if (h->make != ndli_needle_make(needle))
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d was made from another def", needle->index);
+    if (!ndli_state_is_number(h->reals, NDLI_HEAD_REALS) ||
+        !ndli_state_is_number(&h->vectors[0].x, 3 * NDLI_HEAD_VECTORS))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "saved needle %d holds a number that is not finite", needle->index);
+    if (h->node_count > needle->rod->capacity)
+        return sbi_fail(error, SB_ERROR_STATE, "saved needle %d has %d nodes, this one room for %d", needle->index,
+                        h->node_count, needle->rod->capacity);
+    if (h->node_count < 2 || h->count < 0 || h->first < 2 || h->first > h->node_count ||
+        h->count > h->node_count - h->first || (h->count == 0) != (h->first == h->node_count) ||
+        (h->shallow != 0 && h->shallow != 1) || (h->base_given != 0 && h->base_given != 1) || h->hold_steps < 0 ||
+        !(h->reals[0] > 0))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged", needle->index);
+    return SB_OK;
+}
+
+/* The rod is on nodes of the remesher's path, in their order. */
+static int ndli_needle_path_holds(const ndl_needle *needle, const unsigned char *path, int count)
+{
+    int there, at = 0;
+    const int *nodes = ndli_remesh_staged_nodes(needle->site->remesh, needle->index, &there);
+    for (int i = 0; i < count; i++) {
+        int node = ndli_image_int(path, (size_t)i);
+        while (at < there && nodes[at] != node)
+            at++;
+        if (at++ == there)
+            return 0;
+    }
+    return 1;
+}
+
+/* The needle at in[size]; used: its bytes. */
+static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigned char *in, size_t size, size_t *used,
+                                         sb_error *error)
+{
+    ndl_needle none = *needle;
+    ndli_needle_head h;
+    ndli_image image;
+    const unsigned char *path, *states, *contacts;
+    sb_result result;
+    size_t rod;
+    int good = 1, nodes;
+    if (size < sizeof h)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends in its head", needle->index);
+    memcpy(&h, in, sizeof h);
+    result = ndli_needle_check_head(needle, &h, error);
+    if (result != SB_OK)
+        return result;
+    memset(&image, 0, sizeof image);
+    image.used = ndli_image_room(sizeof h);
+    ndli_needle_walk(&none, &h, &image);
+    if (image.used > size)
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d ends before its nodes do", needle->index);
+    path = in + ndli_image_room(sizeof h);
+    states = path + ndli_image_room((size_t)h.count * sizeof(int));
+    contacts = states + ndli_image_room((size_t)h.count);
+    for (int i = 0; i < h.count; i++)
+        good &= states[i] > NDL_FREE && states[i] <= NDL_DYNAMIC_BACKWARD;
+    for (int i = 0; i < 3 * h.count; i++) {
+        double value;
+        memcpy(&value, contacts + (size_t)i * sizeof value, sizeof value);
+        good &= value - value == 0;
+    }
+    if (!good || !ndli_needle_path_holds(needle, path, h.count))
+        return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
+    result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
+    if (result == SB_OK && nodes != h.node_count)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index, h.node_count,
+                          nodes);
+    *used = image.used + (result == SB_OK ? rod : 0);
+    return result;
+}
+
+static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_site_head *h, sb_error *error)
+{
+    if (h->order != NDLI_IMAGE_ORDER)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved needles are of a machine with another order of bytes");
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (h->used[i] != (site->needles[i] != NULL))
+            return sbi_fail(error, SB_ERROR_STATE, h->used[i] ? "the state has a needle %d, the body has not"
+                                                              : "the body has a needle %d, the state has not", i);
+    if (h->count != site->count || !(h->mean_edge > 0) || h->mean_edge - h->mean_edge != 0)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles are damaged in their head");
+    return SB_OK;
+}
+
+static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error)
+{
+    const struct ndli_site *site = (const struct ndli_site *)user;
+    ndli_site_head head;
+    size_t at = ndli_image_room(sizeof head);
+    sb_result result;
+    (void)body;
+    if (size < at)
+        return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles end in their head");
+    memcpy(&head, bytes, sizeof head);
+    result = ndli_site_check_head(site, &head, error);
+    for (int i = 0; i < NDL_MAX_NEEDLES && result == SB_OK; i++)
+        if (site->needles[i]) {
+            size_t used = 0;
+            result = ndli_needle_check_image(site->needles[i], bytes + at, size - at, &used, error);
+            at += used;
+        }
+    if (result == SB_OK && at != size)
+        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+    return result;
+}
+
+static void ndli_site_load(void *user, const unsigned char *bytes, size_t size)
+{
+    struct ndli_site *site = (struct ndli_site *)user;
+    ndli_site_head head;
+    ndli_image image;
+    (void)size;
+    memset(&image, 0, sizeof image);
+    image.in = bytes;
+    ndli_image_part(&image, &head, 1, sizeof head);
+    site->mean_edge = head.mean_edge;
+    for (int i = 0; i < NDL_MAX_NEEDLES; i++)
+        if (site->needles[i]) {
+            ndl_needle *needle = site->needles[i];
+            ndli_needle_head h;
+            ndli_image_part(&image, &h, 1, sizeof h);
+            ndli_needle_take_head(needle, &h);
+            memset(needle->line.state, NDL_FREE, (size_t)h.node_count);
+            ndli_needle_walk(needle, &h, &image);
+            ndli_rod_rewind(needle->rod, bytes + image.used);
+            image.used += ndli_rod_snapshot_size(needle->rod, h.node_count);
+        }
+}
+
+NDLI_API sbi_state_part ndli_site_part(struct ndli_site *site)
+{
+    sbi_state_part part;
+    memset(&part, 0, sizeof part);
+    memcpy(part.name, ndli_needle_name, sizeof ndli_needle_name);
+    part.version = NDLI_NEEDLE_VERSION;
+    part.user = site;
+    part.save = ndli_site_save;
+    part.check = ndli_site_check;
+    part.load = ndli_site_load;
+    return part;
+}
+
+NDLI_API void ndli_site_leave(const struct ndli_site *site) { sbi_body_leave(site->body, ndli_needle_name); }
+
+/* ---- recording ---- */
+
+NDLI_API void ndli_needle_tell_life(const ndl_needle *needle, ndli_needle_command command)
+{
+    int ints[2];
+    ints[0] = (int)command, ints[1] = needle->index;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, NULL, 0);
+}
+
+NDLI_API void ndli_needle_tell_base(const ndl_needle *needle, sb_vec3 base, sb_vec3 direction, sb_vec3 director)
+{
+    const sb_vec3 places[3] = {base, direction, director};
+    sb_real reals[9];
+    int ints[2];
+    ints[0] = NDLI_COMMAND_BASE, ints[1] = needle->index;
+    for (int k = 0; k < 3; k++)
+        reals[3 * k] = places[k].x, reals[3 * k + 1] = places[k].y, reals[3 * k + 2] = places[k].z;
+    sbi_body_tell_part(needle->site->body, ndli_needle_name, ints, 2, reals, 9);
+}
+
+NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *const *needles, int count, sb_real dt,
+                                    const ndl_command *commands, sb_result result)
+{
+    int ints[2 + NDL_MAX_NEEDLES];
+    sb_real reals[1 + NDLI_COMMAND_REALS * NDL_MAX_NEEDLES];
+    ints[0] = NDLI_COMMAND_STEP, ints[1] = count;
+    reals[0] = dt;
+    for (int k = 0; k < count; k++) {
+        sb_real *to = reals + 1 + NDLI_COMMAND_REALS * k;
+        ndl_command c;
+        memset(&c, 0, sizeof c);
+        if (commands)
+            c = commands[k];
+        ints[2 + k] = needles[k]->index;
+        to[0] = c.insertion, to[1] = c.twist;
+        to[2] = c.velocity.x, to[3] = c.velocity.y, to[4] = c.velocity.z;
+        to[5] = c.angular_velocity.x, to[6] = c.angular_velocity.y, to[7] = c.angular_velocity.z;
+    }
+    sbi_body_tell_part_step(site->body, ndli_needle_name, result, ints, 2 + (size_t)count, reals,
+                            1 + NDLI_COMMAND_REALS * (size_t)count);
+}

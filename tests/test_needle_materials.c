@@ -1,0 +1,235 @@
+/* needle_materials: needles in bodies of every material, iterated and linearised: friction balance, energy, convergence with
+ * mesh and steps, solvers, and what is refused. */
+#include "needle_scene.h"
+
+static const double dt = 0.02, speed = 0.01;
+
+/* ---- every material ---- */
+
+typedef struct variant {
+    const char *name;
+    sb_material material;
+    int max_newton, has_fibres;
+} variant;
+
+enum { VARIANTS = 12 };
+
+static void list_variants(variant *v)
+{
+    static const sb_real g[2] = {REAL(0.3), REAL(0.2)}, tau[2] = {REAL(0.05), REAL(0.5)};
+    const sb_real E = 50000, nu = REAL(0.4), rho = 1000;
+    int n = 0;
+    memset(v, 0, VARIANTS * sizeof *v);
+    v[n].name = "linear", v[n++].material = sb_material_linear(E, nu, rho);
+    v[n].name = "corotated", v[n++].material = sb_material_corotated(E, nu, rho);
+    v[n].name = "corotated invertible", v[n++].material = sb_material_corotated_invertible(E, nu, rho);
+    v[n].name = "neo-Hookean", v[n++].material = sb_material_neo_hookean(E, nu, rho);
+    v[n].name = "stable neo-Hookean", v[n++].material = sb_material_stable_neo_hookean(E, nu, rho);
+    v[n].name = "neo-Hookean, isochoric", v[n++].material = sb_material_neo_hookean_isochoric(9000, REAL(2.5e-5), rho);
+    v[n].name = "Mooney-Rivlin", v[n++].material = sb_material_mooney_rivlin(6000, 3000, REAL(2.5e-5), rho);
+    v[n].name = "Prony terms", v[n++].material = sb_material_with_prony(sb_material_neo_hookean(E, nu, rho), g, tau, 2);
+    v[n].name = "fibres", v[n].has_fibres = 1;
+    v[n++].material = sb_material_with_fibres(sb_material_stable_neo_hookean(E, nu, rho), 20000, 2);
+    for (int i = 0; i < n; i++)
+        v[i].max_newton = 1;
+    v[n] = v[1], v[n].name = "corotated, iterated", v[n++].max_newton = 20;
+    v[n] = v[3], v[n].name = "neo-Hookean, iterated", v[n++].max_newton = 20;
+    v[n] = v[7], v[n].name = "Prony terms, iterated", v[n++].max_newton = 20;
+    CHECK_INT(n, VARIANTS);
+}
+
+static double whole_energy(const needle_scene *s)
+{
+    sb_energy body = {0, 0, 0};
+    ndl_rod_energy rod = ndl_rod_energies(ndl_needle_rod(s->needles[0]));
+    CHECK_OK(sb_body_energy(s->body, &body));
+    return (double)body.elastic + (double)body.kinetic + (double)rod.stretch + (double)rod.bend + (double)rod.twist +
+           (double)rod.kinetic;
+}
+
+/* In by 2.5 cm, still, and out: friction by the depth, no energy from nowhere, and the mesh as it was. */
+static void through(const variant *v)
+{
+    needle_scene s = needle_scene_default();
+    sb_vec3 fibres[6000];
+    s.other = &v->material;
+    s.body_def.max_newton = v->max_newton;
+    for (int e = 0; e < 6000; e++)
+        fibres[e] = sb_v3(1, REAL(0.3), 0);
+    s.body_def.fibres = v->has_fibres ? fibres : NULL;
+    if (needle_scene_make(&s) && needle_scene_run(&s, dt, 125, needle_command(speed, 0))) {
+        double depth = (double)ndl_needle_depth(s.needles[0]), energy, most;
+        needle_scene_run(&s, dt, 1, needle_command(speed, 0));
+        CHECK(depth > 0.02);
+        CHECK_NEAR(needle_push(&s), 20 * depth + 0.5, 0.02 * (20 * depth + 0.5));
+        needle_scene_run(&s, dt, 2, needle_command(0, 0));
+        energy = most = whole_energy(&s);
+        for (int i = 0; i < 40; i++) {
+            double now;
+            needle_scene_run(&s, dt, 1, needle_command(0, 0));
+            now = whole_energy(&s);
+            CHECK(now < energy + 0.01 * most);
+            energy = now;
+        }
+        needle_scene_run(&s, dt, 40, needle_command(-speed, 0));
+        depth = (double)ndl_needle_depth(s.needles[0]);
+        needle_scene_run(&s, dt, 1, needle_command(-speed, 0));
+        CHECK_NEAR(needle_push(&s), -20 * depth, 0.02 * 20 * depth + 0.005);
+        CHECK(needle_scene_is_sound(&s));
+        needle_scene_run(&s, dt, 120, needle_command(-speed, 0));
+        CHECK(needle_scene_is_original(&s));
+    }
+    needle_scene_free(&s);
+}
+
+static void test_materials(void)
+{
+    variant v[VARIANTS];
+    list_variants(v);
+    for (int i = 0; i < VARIANTS; i++) {
+        int failures = check.failures;
+        through(v + i);
+        if (check.failures > failures)
+            printf("%s\n", v[i].name);
+    }
+}
+
+/* ---- convergence ---- */
+
+/* The push while the needle goes sideways by 1 mm, 2 cm deep: what the tissue answers with, which mesh and steps change. */
+static double sideways(int cells, double step, int max_newton)
+{
+    needle_scene s = needle_scene_default();
+    sb_vec3 force = sb_v3(0, 0, 0);
+    s.cells[0] = s.cells[1] = s.cells[2] = cells;
+    s.shake = 0;
+    s.body_def.max_newton = max_newton;
+    s.body_def.tolerance = REAL(scene_tolerance(1e-6, 100));
+    if (needle_scene_make(&s) && needle_scene_run(&s, step, (int)(2.1 / step + 0.5), needle_command(speed, 0))) {
+        ndl_command aside = needle_command(0, 0);
+        aside.velocity.x = REAL(0.002);
+        needle_scene_run(&s, step, (int)(0.5 / step + 0.5), aside);
+        needle_scene_run(&s, step, (int)(0.5 / step + 0.5), needle_command(0, 0));
+        ndl_needle_base_wrench(s.needles[0], &force, NULL);
+    }
+    needle_scene_free(&s);
+    return (double)force.x;
+}
+
+static void test_convergence(void)
+{
+    double coarse = sideways(4, 0.02, 1), fine = sideways(4, 0.01, 1), finest = sideways(4, 0.005, 1);
+    double iterated = sideways(4, 0.02, 20), dense = sideways(6, 0.02, 1);
+    CHECK(finest > 0.05);
+    CHECK(fabs(coarse - finest) < 0.03 * finest);
+    CHECK(fabs(fine - finest) < 0.02 * finest);
+    CHECK(fabs(iterated - coarse) < 0.02 * finest);
+    CHECK(fabs(dense - coarse) < 0.35 * finest); /* a line of nodes holds the softer the finer the mesh is */
+}
+
+/* ---- solvers ---- */
+
+/* All find the same. */
+static void test_preconditioners(void)
+{
+    enum { KINDS = 6 };
+    static const sb_precond_kind kinds[KINDS] = {SB_PRECOND_IC0,  SB_PRECOND_MULTIGRID, SB_PRECOND_BLOCK_JACOBI,
+                                                 SB_PRECOND_SSOR, SB_PRECOND_FSAI,      SB_PRECOND_CHOLESKY};
+    double push[KINDS] = {0, 0, 0, 0, 0, 0};
+    for (int k = 0; k < KINDS; k++) {
+        needle_scene s = needle_scene_default();
+        s.body_def.preconditioner = kinds[k];
+        s.body_def.tolerance = REAL(scene_tolerance(1e-7, 1000));
+        s.body_def.max_iterations = 5000;
+        if (needle_scene_make(&s) && needle_scene_run(&s, dt, 100, needle_command(speed, 1))) {
+            push[k] = needle_push(&s);
+            CHECK_INT(s.info.capped, 0);
+            CHECK(needle_scene_is_sound(&s));
+        }
+        needle_scene_free(&s);
+    }
+    CHECK(push[0] > 0.5);
+    for (int k = 1; k < KINDS; k++)
+        CHECK_NEAR(push[k], push[0], scene_tolerance(1e-3, 10) * push[0]);
+}
+
+/* ---- refusals ---- */
+
+static void refuse(sb_element_type type, sb_real slack, const char *names)
+{
+    sb_body_def def = needle_scene_body_def();
+    ndl_needle_def needle = ndl_default_needle_def();
+    ndl_needle *made = NULL;
+    sb_body *body = NULL;
+    sb_mesh mesh;
+    sb_error error;
+    if (!CHECK_OK(sb_mesh_beam(type, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), NULL, &mesh, &error)))
+        return;
+    def.mesh = &mesh;
+    def.material = sb_material_corotated(50000, REAL(0.4), 1000);
+    def.slack = slack;
+    if (CHECK_OK(sb_body_create(&def, &body, &error))) {
+        needle.body = body;
+        needle.base = sb_v3(REAL(0.02), REAL(0.02), REAL(0.1));
+        needle.direction = sb_v3(0, 0, -1);
+        CHECK_RESULT(ndl_needle_create(&needle, &made, &error), SB_ERROR_UNSUPPORTED);
+        CHECK(made == NULL && strstr(error.message, names) != NULL);
+        CHECK_OK(sb_body_step(body, REAL(dt), NULL));
+    }
+    sb_body_destroy(body);
+    sb_mesh_free(&mesh);
+}
+
+static void test_refusals(void)
+{
+    refuse(SB_TET4, 0, "slack");
+    refuse(SB_HEX8, REAL(0.2), "SB_TET4");
+    refuse(SB_TET10, REAL(0.2), "SB_TET4");
+}
+
+/* An explicit body has no system to be solved with. */
+static void test_explicit(void)
+{
+    needle_scene s = needle_scene_default();
+    s.body_def.integrator = SB_CENTRAL_DIFFERENCE;
+    s.body_def.damping_stiffness = 0;
+    if (needle_scene_make_body(&s)) {
+        ndl_needle_def def = s.needle_def;
+        ndl_needle *needle = NULL;
+        def.body = s.body;
+        CHECK_RESULT(ndl_needle_create(&def, &needle, &s.error), SB_ERROR_UNSUPPORTED);
+        CHECK(needle == NULL && strstr(s.error.message, "explicit") != NULL);
+    }
+    needle_scene_free(&s);
+}
+
+/* Others may change the mesh while no needle is in it, and not while one is. */
+static void test_changes_by_others(void)
+{
+    needle_scene s = needle_scene_default();
+    if (needle_scene_make(&s)) {
+        for (int in = 0; in < 2; in++) {
+            sb_body_change *change = NULL;
+            int node = 62, cells = sb_body_element_count(s.body);
+            sb_vec3 X = sb_body_rest_positions(s.body)[node];
+            sb_result result;
+            X.x += REAL(1e-4);
+            CHECK_OK(sb_body_change_begin(s.body, &change, &s.error));
+            CHECK_OK(sb_body_change_move_node(change, node, X, NULL, NULL, 0, &s.error));
+            result = sb_body_change_commit(change, &s.error);
+            CHECK_RESULT(result, in ? SB_ERROR_STATE : SB_OK);
+            if (result != SB_OK)
+                sb_body_change_cancel(change);
+            needle_scene_run(&s, dt, 60, needle_command(speed, 0));
+            CHECK(needle_scene_is_sound(&s));
+            CHECK(cells <= sb_body_element_count(s.body));
+        }
+        needle_scene_run(&s, dt, 180, needle_command(-speed, 0));
+        CHECK(ndl_remesh_is_original(ndl_needle_remesh(s.needles[0])));
+    }
+    needle_scene_free(&s);
+}
+
+CHECK_SUITE(needle_materials, {"every material", test_materials}, {"meshes and steps", test_convergence},
+            {"every solver", test_preconditioners}, {"refusals", test_refusals}, {"explicit bodies", test_explicit},
+            {"changes by others", test_changes_by_others});
