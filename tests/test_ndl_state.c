@@ -279,7 +279,7 @@ static void seal_again(unsigned char *image, size_t size)
 /* Where the remesher's part of a saved body begins: its name is in front of it. */
 static size_t part_at(const record *r)
 {
-    size_t at = r->size;
+    size_t at = r->size > 8 ? r->size - 8 : 0;
     while (at > 0 && memcmp(r->bytes + at, "mesher\0", 8) != 0)
         at--;
     return at;
