@@ -5775,8 +5775,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
-/* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4]);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -39912,6 +39912,10 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
+            if (!(domain->weights[at] > 0)) /* the product of small numbers */
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is too small: nothing is left of its volume at integration point %d",
+                                        e, p);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -40193,14 +40197,14 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     sb_real gradients[12];
     sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
     sbi_element_shape(element, points[0], NULL, local);
-    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+    return share * (sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) * weights[0]) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -49979,12 +49983,12 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x);
+    return sbi_domain_is_upright(&work->body->domain, x, share);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -49997,10 +50001,11 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n);
+        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
-        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k]);
+        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
+                                        out->reshaped_shares[k]);
     return good;
 }
 
