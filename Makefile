@@ -402,8 +402,11 @@ install: $(HEADERS) build/softbody.pc
 	cp build/softbody.pc '$(DESTDIR)$(PREFIX)/share/pkgconfig/'
 
 # Optional: lays out all sources by .clang-format.
+# Other versions of clang-format break other lines; FORMAT=--dry-run only says what differs.
+FORMATTED = $(shell find src tests examples -name '*.[ch]' ! -name names.h)
+FORMAT = -i
 format:
-	clang-format -i $(filter %.c %.h,$(PARTS)) src/*.c tests/*.[ch] tests/*/*.c $(EXAMPLES)
+	clang-format $(FORMAT) $(FORMATTED)
 
 clean:
 	rm -rf build

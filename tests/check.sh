@@ -67,6 +67,11 @@ optional cmake "CMake package" "cmake -S . -B $work/cmake -DCMAKE_INSTALL_PREFIX
     cmake -S $work/user -B $work/user/build -DCMAKE_PREFIX_PATH=$work/prefix >/dev/null &&
     cmake --build $work/user/build >/dev/null && $work/user/build/app"
 single "benchmarks compile" "$make benches BENCH_CFLAGS='-fsyntax-only -std=gnu11 -fopenmp -DSB_USE_OPENMP'"
+if [ "$(clang-format --version 2>/dev/null | sed 's/.*version \([0-9]*\).*/\1/')" = 14 ]; then
+    single "the sources are formatted (make format)" "$make format FORMAT='--dry-run -Werror'"
+else
+    skipped "no clang-format 14: the sources are formatted"
+fi
 steps=("${lane[@]}")
 
 lane=()
