@@ -5775,8 +5775,14 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
+typedef struct sbi_tet_rule {
+    int count;                                   /* points of the mass */
+    sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
+    sb_real slopes[4][3];                        /* local gradients, the same at all points */
+} sbi_tet_rule;
 /* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4]);
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4]);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -5788,6 +5794,9 @@ SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
  * have had less, else 0. */
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                     sb_real *mass, sb_real *volume_load);
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule);
+/* Lumped masses and int N_a dV (m^3) of a tet4 at x (m): the bits of sbi_element_mass. */
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4]);
 /* The least share of the mass that a node would have, were its cells full up to their stiffness, that lumping leaves it
  * with where cells have masses of their own. */
 #define SBI_LEAST_MASS ((sb_real)0.5)
@@ -28405,8 +28414,14 @@ typedef struct sbi_matrix_live {
     int *touched;            /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;            /* 1: all rows moved */
+    int used_blocks;         /* blocks that are in rows */
     /* parts */
     int *part_of;            /* [row_capacity] */
+    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
+    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;              /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
@@ -28433,7 +28448,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or get another
+ * first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
@@ -28441,6 +28457,9 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
+ * who read them. */
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
@@ -28455,7 +28474,7 @@ SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error
 /* Finds the connected parts of rows and lists them; part_of [row_count]. */
 SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
 /* Lists rows by part, once every row has one. */
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of);
 #endif
 
 #endif /* SB_SPARSE_LIVE_H */
@@ -28660,7 +28679,7 @@ SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
     sbi_sparse_list_parts(matrix, part_of);
 }
 
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of)
 {
     int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
@@ -29013,6 +29032,8 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 #include <limits.h>
 #include <string.h>
 
+enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
 /* Takes the arrays of rows from the arena, measuring or for real. */
@@ -29024,6 +29045,7 @@ static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->part_first = (int *)sbi_arena_take(arena, parts, sizeof(int));
     live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
@@ -29079,6 +29101,7 @@ static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old
         return;
     memcpy(live->room, old->room, ints);
     memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->part_first, old->part_first, (size_t)from->part_count * sizeof(int));
     memcpy(live->in_use, old->in_use, (size_t)from->row_count);
 }
 
@@ -29147,12 +29170,7 @@ SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->li
 
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
-    int count = 0;
-    if (!matrix->live)
-        return matrix->block_count;
-    for (int i = 0; i < matrix->row_count; i++)
-        count += matrix->row_end[i] - matrix->row_start[i];
-    return count;
+    return matrix->live ? matrix->live->used_blocks : matrix->block_count;
 }
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
@@ -29225,15 +29243,21 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
     matrix->columns[matrix->row_start[i]] = i;
     matrix->row_end[i] = matrix->row_start[i] + 1;
     matrix->fixed[i] = 0;
+    matrix->live->used_blocks++;
+    matrix->live->alone_count++;
     matrix->live->in_use[i] = 0;
     matrix->live->part_of[i] = -1;
 }
 
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
     if (!live->marks[i]) {
         live->marks[i] = 1;
+        live->alone_count -= sbi_live_is_alone(matrix, i);
         live->lost[i] = i;
         live->touched[live->touched_count++] = i;
     }
@@ -29472,6 +29496,8 @@ static void sbi_live_drop_node(sb_matrix *matrix, int i)
         sbi_live_touch(matrix, matrix->columns[q]);
     }
     live->in_use[i] = 0;
+    if (live->part_of[i] >= 0 && live->part_of[i] != live->alone_part && live->part_first[live->part_of[i]] == i)
+        live->first_is_lost = 1;
     live->part_of[i] = -1;
 }
 
@@ -29505,6 +29531,9 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
             sbi_live_move(matrix, i, q, end);
         end++;
     }
+    if (end < matrix->row_end[i])
+        live->marks[i] = SBI_LIVE_LOSER;
+    live->used_blocks -= matrix->row_end[i] - end;
     for (int q = end; q < matrix->row_end[i]; q++)
         sbi_live_clear(matrix, q);
     matrix->row_end[i] = end;
@@ -29530,6 +29559,7 @@ static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
+    matrix->live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
@@ -29564,27 +29594,26 @@ static void sbi_live_fill(sb_matrix *matrix)
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
 
-static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
-
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
- * still hang together by couplings of theirs. 0: that has to be looked into. */
-static int sbi_live_parts_hold(sb_matrix *matrix)
+ * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
+static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
         live->seen[i] = -1;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             live->held[matrix->columns[q]] = matrix->columns[q];
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             sbi_live_join(live->held, i, matrix->columns[q]);
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
-        if (!live->in_use[i])
+        if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
             continue;
         group = sbi_live_root(live->lost, i);
         held = sbi_live_root(live->held, i);
@@ -29593,6 +29622,12 @@ static int sbi_live_parts_hold(sb_matrix *matrix)
         live->seen[group] = held;
     }
     return 1;
+}
+
+/* Mostly the rows that lost something are enough to see it. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    return sbi_live_parts_hold_by(matrix, SBI_LIVE_LOSER) || sbi_live_parts_hold_by(matrix, 1);
 }
 
 /* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
@@ -29634,12 +29669,90 @@ static void sbi_live_number_parts(sb_matrix *matrix)
     sbi_sparse_list_parts(matrix, live->part_of);
 }
 
+/* First rows, from lists that are right. */
+static void sbi_live_note_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->alone_part = -1;
+    live->alone_count = 0;
+    for (int c = 0; c < matrix->part_count; c++) {
+        live->part_first[c] = matrix->part_rows[matrix->part_start[c]];
+        if (!sbi_live_is_alone(matrix, live->part_first[c]))
+            continue;
+        live->alone_part = c;
+        live->alone_count = matrix->part_start[c + 1] - matrix->part_start[c];
+    }
+    live->listed = 1;
+    live->first_is_lost = 0;
+}
+
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
+ * touched, or INT_MAX. */
+static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
+{
+    const sbi_matrix_live *live = matrix->live;
+    *alone = INT_MAX;
+    if (live->first_is_lost)
+        return 0;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], part = live->part_of[i], is_alone = sbi_live_is_alone(matrix, i);
+        if (is_alone)
+            *alone = sbi_min_int(*alone, i);
+        if (part >= 0 && part != live->alone_part &&
+            (is_alone ? i == live->part_first[part] : i < live->part_first[part]))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when the rows alone, if any, stay where they are among the parts: last, or before a part that begins later. first:
+ * the least row that is alone now, of those touched. */
+static int sbi_live_alone_stay(const sb_matrix *matrix, int others, int first)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int old = live->alone_part >= 0 && live->alone_part < others ? live->part_first[live->alone_part] : -1;
+    if (old >= 0)
+        return old < matrix->row_count && sbi_live_is_alone(matrix, old) && first >= old;
+    return others == 0 || first > live->part_first[others - 1];
+}
+
+/* Where parts keep their numbers only rows that were touched get theirs. 0: they do not, and nothing has changed. */
+static int sbi_live_keep_numbers(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int first, others = matrix->part_count - (live->alone_part >= 0);
+    if (!sbi_live_firsts_hold(matrix, &first) || !sbi_live_alone_stay(matrix, others, first))
+        return 0;
+    if (live->alone_part < 0 || live->alone_part == others) {
+        live->alone_part = live->alone_count ? others : -1;
+        matrix->part_count = others + (live->alone_count > 0);
+    }
+    for (int k = 0; k < live->touched_count; k++)
+        if (sbi_live_is_alone(matrix, live->touched[k]))
+            live->part_of[live->touched[k]] = live->alone_part;
+    live->listed = 0;
+    return 1;
+}
+
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix)
+{
+    if (!matrix->live || matrix->live->listed)
+        return;
+    sbi_sparse_list_parts(matrix, matrix->live->part_of);
+    matrix->live->listed = 1;
+}
+
 static void sbi_live_follow_parts(sb_matrix *matrix)
 {
-    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+    int holds = sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix);
+    matrix->live->renumbered = !holds || !sbi_live_keep_numbers(matrix);
+    if (!matrix->live->renumbered)
+        return;
+    if (holds)
         sbi_live_number_parts(matrix);
     else
         sbi_sparse_find_parts(matrix, matrix->live->part_of);
+    sbi_live_note_parts(matrix);
 }
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
@@ -29696,20 +29809,22 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     sbi_matrix_live *live = matrix->live;
     while (matrix->row_count > change->node_end) {
         int i = --matrix->row_count;
+        live->alone_count -= !live->marks[i];
+        live->used_blocks--;
         sbi_live_clear(matrix, matrix->row_start[i]);
         sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
     }
-    for (int k = 0, count = live->touched_count; k < count; k++) {
+    for (int k = live->touched_count; k-- > 0;) {
         int i = live->touched[k];
-        live->marks[i] = 0;
-        if (i >= matrix->row_count)
+        if (i >= matrix->row_count) {
+            live->marks[i] = 0;
+            live->touched[k] = live->touched[--live->touched_count];
             continue;
+        }
+        live->alone_count += sbi_live_is_alone(matrix, i);
         if (!live->in_use[i])
             sbi_live_set_free_row(matrix, i);
     }
-    for (int k = live->touched_count; k-- > 0;)
-        if (live->touched[k] >= matrix->row_count)
-            live->touched[k] = live->touched[--live->touched_count];
 }
 
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
@@ -29736,6 +29851,8 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change,
     sbi_live_fill(matrix);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
+    for (int k = 0; k < live->touched_count; k++)
+        live->marks[live->touched[k]] = 0;
     live->key_count = 0;
 }
 
@@ -29768,7 +29885,9 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
+    live->used_blocks = made.block_count;
     *matrix = made;
+    sbi_live_note_parts(matrix);
     return 1;
 }
 
@@ -29832,26 +29951,36 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
 {
     const sbi_matrix_live *live = matrix->live;
+    int blocks = 0, alone = 0;
     if (!live)
         return SB_OK;
     if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
     for (int i = 0; i < matrix->row_count; i++) {
         sb_result result = sbi_live_check_row(matrix, i, error);
+        blocks += matrix->row_end[i] - matrix->row_start[i];
+        alone += sbi_live_is_alone(matrix, i);
         if (result != SB_OK)
             return result;
         if (live->marks[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
     }
+    if (blocks != live->used_blocks || alone != live->alone_count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d blocks in rows and %d rows alone, not %d and %d", blocks, alone,
+                        live->used_blocks, live->alone_count);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
             for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
                 if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
                     return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    sbi_matrix_list_parts(matrix);
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             if (live->part_of[matrix->part_rows[k]] != c)
                 return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    for (int c = 0; c < matrix->part_count; c++)
+        if (c != live->alone_part && live->part_first[c] != matrix->part_rows[matrix->part_start[c]])
+            return sbi_fail(error, SB_ERROR_STATE, "part %d does not begin with row %d", c, live->part_first[c]);
     return SB_OK;
 }
 
@@ -34085,6 +34214,7 @@ static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
     if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
         return 1;
     part_of = (int *)sbi_alloc(&m->allocator, 2 * most, sizeof(int));
+    sbi_matrix_list_parts(pattern);
     for (int c = 0; part_of && c < pattern->part_count; c++)
         for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
             part_of[pattern->part_rows[k]] = c;
@@ -37225,6 +37355,7 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.start = m.touching + rows;
     m.centres = centres;
     memset(m.touching, 0, rows * sizeof(int));
+    sbi_matrix_list_parts(a);
     memcpy(nodes, a->part_rows, rows * sizeof(int));
     for (int c = 0; c < a->part_count; c++)
         sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
@@ -38929,6 +39060,7 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
 {
     const sb_matrix *a = s->matrix;
     int chunks = 0;
+    sbi_matrix_list_parts(a);
     s->part_count = joint ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
@@ -40189,14 +40321,9 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4])
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_domain_element(domain);
-    sb_real gradients[12];
-    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_element_shape(element, points[0], NULL, local);
-    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+    return sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -40243,6 +40370,37 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
         }
     }
     return volume;
+}
+
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    rule->count = sbi_element_quadrature(element, SB_QUADRATURE_MASS, points, rule->weights);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_element_shape(element, points[p], shape, local);
+        memcpy(rule->shapes[p], shape, sizeof rule->shapes[p]);
+    }
+    memcpy(rule->slopes, local, sizeof rule->slopes);
+}
+
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])
+{
+    sb_real det = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), volume = 0, trace = 0;
+    for (int a = 0; a < 4; a++)
+        masses[a] = load[a] = 0;
+    for (int p = 0; p < rule->count; p++) {
+        sb_real w = rule->weights[p] * det;
+        volume += w;
+        for (int a = 0; a < 4; a++) {
+            load[a] += w * rule->shapes[p][a];
+            masses[a] += w * rule->shapes[p][a] * rule->shapes[p][a];
+        }
+    }
+    for (int a = 0; a < 4; a++)
+        trace += masses[a];
+    for (int a = 0; a < 4; a++)
+        masses[a] = trace > 0 ? masses[a] * volume / trace : 0;
 }
 
 /* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
@@ -41922,7 +42080,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
+ * slots; the first loop after a change colours them anew by lists of their nodes, a few per cent of its time. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -41940,7 +42098,8 @@ typedef struct sbi_assembly_live {
     unsigned char *marks;  /* [node_capacity] zeros between calls */
     uint64_t *node_colours; /* [node_capacity] scratch */
     int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
-    int *chunk_node_count; /* [chunks] */
+    int *chunk_node_count; /* [chunks], -1: to be listed again */
+    int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
@@ -41962,6 +42121,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
@@ -43004,6 +43165,7 @@ static void sbi_assembly_chunk(void *user, int index);
 static int sbi_assembly_run(sbi_assembly_job *job)
 {
     sbi_assembly *assembly = job->assembly;
+    sbi_assembly_settle_colours(assembly);
     for (int colour = 0; colour < assembly->colour_count; colour++) {
         int first = assembly->colour_start[colour];
         job->chunks = assembly->colour_chunks + first;
@@ -44406,7 +44568,7 @@ static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const in
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units and nodes of chunks with changed cells, and all colours. */
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
 static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
@@ -44416,10 +44578,22 @@ static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_ch
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
-            sbi_assembly_list_nodes(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
         }
     sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
@@ -45631,6 +45805,7 @@ struct sb_body {
     sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
+    int (*component_faces)[6];   /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */
@@ -45730,6 +45905,12 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the o
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
+/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not right
+ * any more, and boxes are to be made again; */
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x);
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x);
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component);
+SBI_API void sbi_body_make_boxes(sb_body *body);
 /* regions and materials, one material per region, and each cell's material; */
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
@@ -45758,7 +45939,7 @@ SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* Of a body that follows: masses of a cell's corners, and the sums of a node over its cells in ascending order. */
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell);
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
@@ -46046,6 +46227,8 @@ typedef struct sbi_change_lists {
     sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
+    int *nodes, *gone, *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
+    size_t node_room;
 } sbi_change_lists;
 
 /* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
@@ -46570,17 +46753,15 @@ static void sbi_body_tilt_masses(sb_body *body)
         }
 }
 
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell)
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule)
 {
-    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    sbi_body_gather_reference(body, cell, x);
-    sbi_domain_element_mass(&body->domain, cell, SB_MASS_LUMPED, x, mass, load);
-    for (int a = 0; a < 4; a++) {
-        out[a] = density * mass[5 * a];
-        out[4 + a] = density * load[a];
-    }
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
+    sbi_domain_tet_masses(rule, x, out, out + 4);
+    for (int a = 0; a < 8; a++)
+        out[a] = density * out[a];
 }
 
 /* Adds what a cell of a body that follows weighs to its nodes. */
@@ -46610,7 +46791,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_tet_rule rule;
     int n = body->domain.nodes_per_cell, lifted = 0;
+    if (sbi_live_follows(body))
+        sbi_domain_make_tet_rule(&body->domain, &rule);
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
@@ -46627,7 +46811,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
-            sbi_body_weigh_cell(body, e);
+            sbi_body_weigh_cell(body, e, &rule);
             sbi_body_add_cell_mass(body, e);
             continue;
         }
@@ -48140,6 +48324,7 @@ static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
     body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
@@ -48227,12 +48412,56 @@ static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_e
     return result;
 }
 
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
+static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
+{
+    if (side * x > side * *face) {
+        *face = x + 0; /* no -0: the order of the nodes is not to show */
+        *nodes = 0;
+    }
+    *nodes += x == *face;
+}
+
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
 {
     sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+    int *nodes = body->component_faces[component];
+    sbi_body_enter_face(&low->x, nodes, x.x, -1);
+    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
+    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
+    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
+    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
+    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
+}
+
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 low = body->component_low[component], high = body->component_high[component];
+    int *nodes = body->component_faces[component];
+    nodes[0] -= x.x == low.x;
+    nodes[1] -= x.y == low.y;
+    nodes[2] -= x.z == low.z;
+    nodes[3] -= x.x == high.x;
+    nodes[4] -= x.y == high.y;
+    nodes[5] -= x.z == high.z;
+}
+
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
+{
+    const int *nodes = body->component_faces[component];
+    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
+}
+
+SBI_API void sbi_body_make_boxes(sb_body *body)
+{
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
 }
 
 static void sbi_body_label_by_elements(sb_body *body)
@@ -48251,17 +48480,12 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         sbi_live_label_nodes(body);
     else
         sbi_body_label_by_elements(body);
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    for (int c = 0; c < body->component_count; c++)
         body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
+    for (int i = 0; i < body->domain.node_count; i++)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
-        else
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
+    sbi_body_make_boxes(body);
 }
 
 /* ---- creation and its end ---- */
@@ -49788,6 +50012,8 @@ typedef struct sbi_live_following {
     int old_nodes, old_cells; /* ends before */
     sbi_live_balance velocity, acceleration;
     int first;                /* see sbi_live_first_changed */
+    int node_count;           /* of lists->nodes */
+    sbi_tet_rule rule;
 } sbi_live_following;
 
 /* ---- whether it can be done here ---- */
@@ -49862,56 +50088,74 @@ static int sbi_live_body_fits(const sb_body *body, const sb_body_change *change)
            change->cells.fresh > change->cells.count;
 }
 
-static int sbi_live_count_cells_of(const sb_body *body, int node)
+/* Lists a node once; marks hold 1 + its place. */
+static void sbi_live_list_node(sbi_live_following *work, int node, int by)
 {
-    int count = 0;
-    if (node >= body->domain.node_count)
-        return 0;
-    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
-        count++;
-    return count;
-}
-
-static void sbi_live_count_node(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by;
-}
-
-static void sbi_live_count_gone(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by < 0;
-}
-
-/* 1 when nodes that go lose all of their cells. Marks are 0 after it. */
-static int sbi_live_leave_all(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_gone);
-    for (int i = 0; i < out->removed_node_count && good; i++)
-        good = work->body->live->node_marks[out->removed_nodes[i]] ==
-               sbi_live_count_cells_of(work->body, out->removed_nodes[i]);
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
-}
-
-/* 1 when all other nodes of changed cells, and all made ones, have a cell afterwards. */
-static int sbi_live_keep_some(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    const sb_body *body = work->body;
-    const int *marks = body->live->node_marks;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_node);
-    for (int k = 0; k < 4 * out->removed_cell_count && good; k++) {
-        int node = out->removed_cell_nodes[k];
-        good = !sbi_slots_is_used(&work->change->nodes, node) ||
-               sbi_live_count_cells_of(body, node) + marks[node] > 0;
+    const sbi_change_lists *lists = work->lists;
+    int *mark = work->body->live->node_marks + node;
+    if (!*mark) {
+        lists->nodes[work->node_count] = node;
+        lists->gone[work->node_count] = lists->come[work->node_count] = 0;
+        *mark = ++work->node_count;
     }
-    for (int i = 0; i < out->made_node_count && good; i++)
-        good = sbi_live_count_cells_of(body, out->made_nodes[i]) + marks[out->made_nodes[i]] > 0;
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
+    lists->gone[*mark - 1] += by < 0;
+    lists->come[*mark - 1] += by > 0;
+}
+
+/* The nodes of changed cells, and those that come, go or move. */
+static void sbi_live_list_nodes(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    work->node_count = 0;
+    sbi_live_each_node(work, sbi_live_list_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        sbi_live_list_node(work, out->removed_nodes[i], 0);
+    for (int i = 0; i < out->made_node_count; i++)
+        sbi_live_list_node(work, out->made_nodes[i], 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        sbi_live_list_node(work, out->moved_nodes[i], 0);
+}
+
+/* 1 when a node has more cells than so many before the change. */
+static int sbi_live_has_more_cells(const sb_body *body, int node, int most)
+{
+    int at;
+    if (most < 0 || node >= body->domain.node_count)
+        return most < 0;
+    at = sbi_live_first_cell(body, node);
+    for (; at >= 0 && most > 0; most--)
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
+}
+
+/* 1 when nodes that go lose all of their cells. */
+static int sbi_live_leave_all(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    for (int i = 0; i < out->removed_node_count; i++) {
+        int node = out->removed_nodes[i], gone = work->lists->gone[work->body->live->node_marks[node] - 1];
+        if (sbi_live_has_more_cells(work->body, node, gone))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when all other nodes of cells that go, and all made ones, have a cell afterwards. */
+static int sbi_live_keep_some(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sbi_change_lists *lists = work->lists;
+    const sb_body *body = work->body;
+    for (int k = 0; k < work->node_count; k++)
+        if (lists->gone[k] > 0 && sbi_slots_is_used(&work->change->nodes, lists->nodes[k]) &&
+            !sbi_live_has_more_cells(body, lists->nodes[k], lists->gone[k] - lists->come[k]))
+            return 0;
+    for (int i = 0; i < out->made_node_count; i++) {
+        int k = body->live->node_marks[out->made_nodes[i]] - 1;
+        if (!sbi_live_has_more_cells(body, out->made_nodes[i], lists->gone[k] - lists->come[k]))
+            return 0;
+    }
+    return 1;
 }
 
 /* The rest shape to come: node_marks hold 1 + the index of made nodes, and -1 - that of moved ones. */
@@ -49939,7 +50183,7 @@ static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *n
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x);
+    return sbi_domain_is_upright(&work->rule, x);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -49962,11 +50206,17 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
 static int sbi_live_change_fits(sbi_live_following *work)
 {
     int good;
+    sbi_domain_make_tet_rule(&work->body->domain, &work->rule);
     sbi_live_mark_places(work, 1);
     good = sbi_live_cells_are_good(work); /* corners are in range after it */
     sbi_live_mark_places(work, 0);
-    return good && sbi_live_leave_all(work) && sbi_live_keep_some(work) &&
-           sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
+    if (!good)
+        return 0;
+    sbi_live_list_nodes(work);
+    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    for (int k = 0; k < work->node_count; k++)
+        work->body->live->node_marks[work->lists->nodes[k]] = 0;
+    return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
            !sbi_live_loads_are_touched(work);
 }
 
@@ -50125,21 +50375,15 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 }
 
 /* Nodes that were in no cell and are now are free to move. */
-static void sbi_live_wake_node(sbi_live_following *work, int node, int by)
+static void sbi_live_wake_nodes(sbi_live_following *work)
 {
     sb_body *body = work->body;
-    if (by > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
-        !work->change->node_at[node])
-        body->fixed[node] = 0;
-}
-
-static void sbi_live_sum_node_of(sbi_live_following *work, int node, int by)
-{
-    (void)by;
-    if (node >= work->body->domain.node_count || work->body->live->node_marks[node])
-        return;
-    work->body->live->node_marks[node] = 1;
-    sbi_body_sum_node_mass(work->body, node);
+    for (int k = 0; k < work->node_count; k++) {
+        int node = work->lists->nodes[k];
+        if (work->lists->come[k] > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
+            !work->change->node_at[node])
+            body->fixed[node] = 0;
+    }
 }
 
 static void sbi_live_follow_masses(sbi_live_following *work)
@@ -50151,20 +50395,79 @@ static void sbi_live_follow_masses(sbi_live_following *work)
         return;
     }
     for (int i = 0; i < out->made_cell_count; i++)
-        sbi_body_weigh_cell(body, out->made_cells[i]);
+        sbi_body_weigh_cell(body, out->made_cells[i], &work->rule);
     for (int i = 0; i < out->reshaped_cell_count; i++)
-        sbi_body_weigh_cell(body, out->reshaped_cells[i]);
-    sbi_live_each_node(work, sbi_live_sum_node_of);
-    sbi_live_each_node(work, sbi_live_unmark_node);
+        sbi_body_weigh_cell(body, out->reshaped_cells[i], &work->rule);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_body_sum_node_mass(body, work->lists->nodes[k]);
 }
 
-/* Blocks in the rows of supports. */
-static void sbi_live_count_supports(sb_body *body)
+/* Blocks in the rows of those supports that the change may touch. */
+static int sbi_live_count_supports(const sbi_live_following *work)
 {
-    body->support_used = 0;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i] && body->node_component[i] >= 0)
-            body->support_used += body->matrix.row_end[i] - body->matrix.row_start[i];
+    const sb_body *body = work->body;
+    int count = 0;
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k];
+        if (i < body->domain.node_count && body->fixed[i] && body->node_component[i] >= 0)
+            count += body->matrix.row_end[i] - body->matrix.row_start[i];
+    }
+    return count;
+}
+
+/* ---- parts and their boxes ---- */
+
+/* Nodes that go or move leave their box, while they are where they were. */
+static void sbi_live_leave_boxes(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    for (int i = 0; i < out->removed_node_count + out->moved_node_count; i++) {
+        int gone = out->removed_node_count, node = i < gone ? out->removed_nodes[i] : out->moved_nodes[i - gone];
+        if (node < work->old_nodes && body->node_component[node] >= 0)
+            sbi_body_leave_box(body, body->node_component[node], body->reference[node]);
+    }
+}
+
+/* Number of the part of a node that the matrix has, or -1: it is in no cell. */
+static int sbi_live_component(const sb_body *body, int node)
+{
+    const sbi_matrix_live *live = body->matrix.live;
+    int part = live->part_of[node];
+    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+}
+
+/* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
+ * other numbers or a box has lost all nodes of a side. */
+static void sbi_live_label_changed(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    int right = 1;
+    if (body->matrix.live->renumbered) {
+        sbi_body_label_nodes(body);
+        return;
+    }
+    body->component_count = body->matrix.part_count - (body->matrix.live->alone_part >= 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        if (body->node_component[out->moved_nodes[i]] >= 0)
+            sbi_body_enter_box(body, body->node_component[out->moved_nodes[i]], body->reference[out->moved_nodes[i]]);
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k], old;
+        if (i >= body->domain.node_count)
+            continue;
+        old = body->node_component[i];
+        body->node_component[i] = sbi_live_component(body, i);
+        if (body->node_component[i] < 0)
+            body->fixed[i] = SB_XYZ;
+        else if (old < 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
+    }
+    for (int c = 0; c < body->component_count; c++)
+        right &= sbi_body_box_is_right(body, c);
+    if (!right)
+        sbi_body_make_boxes(body);
 }
 
 /* Rotations and memory of cells made without a parent. */
@@ -50184,14 +50487,16 @@ static void sbi_live_follow_all(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body *body = work->body;
+    int supports = sbi_live_count_supports(work);
+    sbi_live_leave_boxes(work);
     sbi_live_follow_nodes_of_body(work);
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
     sbi_matrix_follow(&body->matrix, out, NULL);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
-    sbi_live_each_node(work, sbi_live_wake_node);
-    sbi_body_label_nodes(body);
-    sbi_live_count_supports(body);
+    sbi_live_wake_nodes(work);
+    sbi_live_label_changed(work);
+    body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
     body->pcg.row_count = body->domain.node_count;
@@ -50459,6 +50764,45 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     return SB_OK;
 }
 
+/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6] zeros. */
+static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
+{
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int c = body->node_component[i];
+        sb_vec3 x = body->reference[i], low, high;
+        if (c >= body->component_count)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is in part %d of %d", i, c, body->component_count);
+        if (c < 0)
+            continue;
+        low = body->component_low[c], high = body->component_high[c];
+        if (x.x < low.x || x.y < low.y || x.z < low.z || x.x > high.x || x.y > high.y || x.z > high.z)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is outside the box of part %d", i, c);
+        sides[c][0] += x.x == low.x, sides[c][1] += x.y == low.y, sides[c][2] += x.z == low.z;
+        sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
+    }
+    for (int c = 0; c < body->component_count; c++)
+        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts", c);
+    return SB_OK;
+}
+
+/* Parts, their boxes, and the count of the supports' blocks. */
+static sb_result sbi_live_check_parts(const sb_body *body, sb_error *error)
+{
+    int(*sides)[6] = (int(*)[6])sbi_alloc_zeroed(&body->allocator, (size_t)body->component_count + 1, sizeof *sides);
+    int blocks = 0;
+    sb_result result = sides ? sbi_live_check_boxes(body, sides, error)
+                             : sbi_fail(error, SB_ERROR_MEMORY, "no memory to check %d parts", body->component_count);
+    sbi_free(&body->allocator, sides);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            blocks += body->matrix.row_end[i] - body->matrix.row_start[i];
+    if (result == SB_OK && blocks != body->support_used)
+        result = sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks,
+                          body->support_used);
+    return result;
+}
+
 SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
@@ -50496,6 +50840,8 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_live_check_parts(body, error);
     if (result == SB_OK)
         result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
@@ -50680,7 +51026,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
 
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
 {
-    size_t bytes = 4096 + 512 * (size_t)cells;
+    size_t bytes = 4096 + 768 * (size_t)cells;
     body->live->spare = sbi_change_make(body, cells);
     body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
     body->live->list_bytes = body->live->lists ? bytes : 0;
@@ -51231,6 +51577,10 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
     lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
     lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
+    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved;
+    lists->nodes = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->gone = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->come = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -51946,30 +52296,36 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- momentum ---- */
 
-static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+/* also: another sum that gets the same, or NULL. */
+static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
     const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
     double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-    sum->mass += m;
-    sum->linear_size += size;
-    sum->angular_size += size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    for (int i = 0; i < 3; i++) {
-        sum->linear[i] += p[i];
-        sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+    double turning = size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    for (; sum; sum = also, also = NULL) {
+        sum->mass += m;
+        sum->linear_size += size;
+        sum->angular_size += turning;
+        for (int i = 0; i < 3; i++) {
+            sum->linear[i] += p[i];
+            sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+        }
     }
 }
 
 /* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum)
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum,
+                              sbi_live_moment *also)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
     if (body->live->follows) {
-        for (int a = 0; a < n; a++)
-            sbi_live_add_mass(sum, (double)body->live->masses[8 * e + a], body->position[cell[a]], about, v[cell[a]]);
+        const sb_real *masses = body->live->masses + 8 * (size_t)e;
+        for (int a = 0; a < 4; a++)
+            sbi_live_add_mass(sum, also, (double)masses[a], body->position[cell[a]], about, v[cell[a]]);
         return;
     }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
@@ -51977,7 +52333,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
+        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
                           v[cell[a]]);
 }
 
@@ -52010,13 +52366,10 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all);
-    balance.parents = balance.all;
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all, &balance.parents);
     for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all);
-    for (int i = 0; i < change->removed_cell_count; i++)
-        if (has_child[change->removed_cells[i]])
-            sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.parents);
+        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all,
+                          has_child[change->removed_cells[i]] ? &balance.parents : NULL);
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 0;
@@ -52141,9 +52494,9 @@ SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change
     rigid.about = before->about;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have);
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have, NULL);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have);
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have, NULL);
     want = sbi_live_wanted(before, have.mass);
     for (int i = 0; i < 3; i++) {
         linear[i] = want.linear[i] - have.linear[i];
@@ -58324,6 +58677,7 @@ SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
     const sb_vec3 zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++)
         rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    sbi_matrix_list_parts(parts);
     for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
         for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
             space->part_of[parts->part_rows[k]] = c;
@@ -58455,7 +58809,9 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axe
 /* Connected parts: those of the matrix that is solved, where ties join what they tie. */
 static const sb_matrix *sbi_step_parts(const sb_body *body)
 {
-    return body->elimination ? &body->elimination->matrix : &body->matrix;
+    const sb_matrix *parts = body->elimination ? &body->elimination->matrix : &body->matrix;
+    sbi_matrix_list_parts(parts);
+    return parts;
 }
 
 /* The same of one part's nodes. */

@@ -52,6 +52,7 @@ static sb_matrix live_matrix(const live_mesh *m, double slack, const sb_allocato
 static void check_same_pattern(const sb_matrix *live, const sb_matrix *fresh, const live_mesh *m)
 {
     int wrong = live->row_count != fresh->row_count || live->part_count != fresh->part_count;
+    sbi_matrix_list_parts(live);
     for (int i = 0; i < fresh->row_count && !wrong; i++) {
         int length = fresh->row_end[i] - fresh->row_start[i];
         wrong = live->row_end[i] - live->row_start[i] != length || live->part_rows[i] != fresh->part_rows[i] ||

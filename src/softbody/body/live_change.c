@@ -177,7 +177,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
 
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
 {
-    size_t bytes = 4096 + 512 * (size_t)cells;
+    size_t bytes = 4096 + 768 * (size_t)cells;
     body->live->spare = sbi_change_make(body, cells);
     body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
     body->live->list_bytes = body->live->lists ? bytes : 0;
@@ -728,6 +728,10 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
     lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
     lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
+    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved;
+    lists->nodes = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->gone = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->come = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */

@@ -447,7 +447,7 @@ static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const in
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units and nodes of chunks with changed cells, and all colours. */
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
 static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
@@ -457,10 +457,22 @@ static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_ch
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
-            sbi_assembly_list_nodes(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
         }
     sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)

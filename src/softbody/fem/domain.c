@@ -412,14 +412,9 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4])
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_domain_element(domain);
-    sb_real gradients[12];
-    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_element_shape(element, points[0], NULL, local);
-    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+    return sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -466,6 +461,37 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
         }
     }
     return volume;
+}
+
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    rule->count = sbi_element_quadrature(element, SB_QUADRATURE_MASS, points, rule->weights);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_element_shape(element, points[p], shape, local);
+        memcpy(rule->shapes[p], shape, sizeof rule->shapes[p]);
+    }
+    memcpy(rule->slopes, local, sizeof rule->slopes);
+}
+
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])
+{
+    sb_real det = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), volume = 0, trace = 0;
+    for (int a = 0; a < 4; a++)
+        masses[a] = load[a] = 0;
+    for (int p = 0; p < rule->count; p++) {
+        sb_real w = rule->weights[p] * det;
+        volume += w;
+        for (int a = 0; a < 4; a++) {
+            load[a] += w * rule->shapes[p][a];
+            masses[a] += w * rule->shapes[p][a] * rule->shapes[p][a];
+        }
+    }
+    for (int a = 0; a < 4; a++)
+        trace += masses[a];
+    for (int a = 0; a < 4; a++)
+        masses[a] = trace > 0 ? masses[a] * volume / trace : 0;
 }
 
 /* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */

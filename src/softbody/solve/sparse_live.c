@@ -4,6 +4,8 @@
 #include <limits.h>
 #include <string.h>
 
+enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
 /* Takes the arrays of rows from the arena, measuring or for real. */
@@ -15,6 +17,7 @@ static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->part_first = (int *)sbi_arena_take(arena, parts, sizeof(int));
     live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
@@ -70,6 +73,7 @@ static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old
         return;
     memcpy(live->room, old->room, ints);
     memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->part_first, old->part_first, (size_t)from->part_count * sizeof(int));
     memcpy(live->in_use, old->in_use, (size_t)from->row_count);
 }
 
@@ -138,12 +142,7 @@ SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->li
 
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
-    int count = 0;
-    if (!matrix->live)
-        return matrix->block_count;
-    for (int i = 0; i < matrix->row_count; i++)
-        count += matrix->row_end[i] - matrix->row_start[i];
-    return count;
+    return matrix->live ? matrix->live->used_blocks : matrix->block_count;
 }
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
@@ -216,15 +215,21 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
     matrix->columns[matrix->row_start[i]] = i;
     matrix->row_end[i] = matrix->row_start[i] + 1;
     matrix->fixed[i] = 0;
+    matrix->live->used_blocks++;
+    matrix->live->alone_count++;
     matrix->live->in_use[i] = 0;
     matrix->live->part_of[i] = -1;
 }
 
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
     if (!live->marks[i]) {
         live->marks[i] = 1;
+        live->alone_count -= sbi_live_is_alone(matrix, i);
         live->lost[i] = i;
         live->touched[live->touched_count++] = i;
     }
@@ -463,6 +468,8 @@ static void sbi_live_drop_node(sb_matrix *matrix, int i)
         sbi_live_touch(matrix, matrix->columns[q]);
     }
     live->in_use[i] = 0;
+    if (live->part_of[i] >= 0 && live->part_of[i] != live->alone_part && live->part_first[live->part_of[i]] == i)
+        live->first_is_lost = 1;
     live->part_of[i] = -1;
 }
 
@@ -496,6 +503,9 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
             sbi_live_move(matrix, i, q, end);
         end++;
     }
+    if (end < matrix->row_end[i])
+        live->marks[i] = SBI_LIVE_LOSER;
+    live->used_blocks -= matrix->row_end[i] - end;
     for (int q = end; q < matrix->row_end[i]; q++)
         sbi_live_clear(matrix, q);
     matrix->row_end[i] = end;
@@ -521,6 +531,7 @@ static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
+    matrix->live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
@@ -555,27 +566,26 @@ static void sbi_live_fill(sb_matrix *matrix)
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
 
-static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
-
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
- * still hang together by couplings of theirs. 0: that has to be looked into. */
-static int sbi_live_parts_hold(sb_matrix *matrix)
+ * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
+static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
         live->seen[i] = -1;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             live->held[matrix->columns[q]] = matrix->columns[q];
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             sbi_live_join(live->held, i, matrix->columns[q]);
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
-        if (!live->in_use[i])
+        if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
             continue;
         group = sbi_live_root(live->lost, i);
         held = sbi_live_root(live->held, i);
@@ -584,6 +594,12 @@ static int sbi_live_parts_hold(sb_matrix *matrix)
         live->seen[group] = held;
     }
     return 1;
+}
+
+/* Mostly the rows that lost something are enough to see it. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    return sbi_live_parts_hold_by(matrix, SBI_LIVE_LOSER) || sbi_live_parts_hold_by(matrix, 1);
 }
 
 /* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
@@ -625,12 +641,90 @@ static void sbi_live_number_parts(sb_matrix *matrix)
     sbi_sparse_list_parts(matrix, live->part_of);
 }
 
+/* First rows, from lists that are right. */
+static void sbi_live_note_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->alone_part = -1;
+    live->alone_count = 0;
+    for (int c = 0; c < matrix->part_count; c++) {
+        live->part_first[c] = matrix->part_rows[matrix->part_start[c]];
+        if (!sbi_live_is_alone(matrix, live->part_first[c]))
+            continue;
+        live->alone_part = c;
+        live->alone_count = matrix->part_start[c + 1] - matrix->part_start[c];
+    }
+    live->listed = 1;
+    live->first_is_lost = 0;
+}
+
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
+ * touched, or INT_MAX. */
+static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
+{
+    const sbi_matrix_live *live = matrix->live;
+    *alone = INT_MAX;
+    if (live->first_is_lost)
+        return 0;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], part = live->part_of[i], is_alone = sbi_live_is_alone(matrix, i);
+        if (is_alone)
+            *alone = sbi_min_int(*alone, i);
+        if (part >= 0 && part != live->alone_part &&
+            (is_alone ? i == live->part_first[part] : i < live->part_first[part]))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when the rows alone, if any, stay where they are among the parts: last, or before a part that begins later. first:
+ * the least row that is alone now, of those touched. */
+static int sbi_live_alone_stay(const sb_matrix *matrix, int others, int first)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int old = live->alone_part >= 0 && live->alone_part < others ? live->part_first[live->alone_part] : -1;
+    if (old >= 0)
+        return old < matrix->row_count && sbi_live_is_alone(matrix, old) && first >= old;
+    return others == 0 || first > live->part_first[others - 1];
+}
+
+/* Where parts keep their numbers only rows that were touched get theirs. 0: they do not, and nothing has changed. */
+static int sbi_live_keep_numbers(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int first, others = matrix->part_count - (live->alone_part >= 0);
+    if (!sbi_live_firsts_hold(matrix, &first) || !sbi_live_alone_stay(matrix, others, first))
+        return 0;
+    if (live->alone_part < 0 || live->alone_part == others) {
+        live->alone_part = live->alone_count ? others : -1;
+        matrix->part_count = others + (live->alone_count > 0);
+    }
+    for (int k = 0; k < live->touched_count; k++)
+        if (sbi_live_is_alone(matrix, live->touched[k]))
+            live->part_of[live->touched[k]] = live->alone_part;
+    live->listed = 0;
+    return 1;
+}
+
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix)
+{
+    if (!matrix->live || matrix->live->listed)
+        return;
+    sbi_sparse_list_parts(matrix, matrix->live->part_of);
+    matrix->live->listed = 1;
+}
+
 static void sbi_live_follow_parts(sb_matrix *matrix)
 {
-    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+    int holds = sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix);
+    matrix->live->renumbered = !holds || !sbi_live_keep_numbers(matrix);
+    if (!matrix->live->renumbered)
+        return;
+    if (holds)
         sbi_live_number_parts(matrix);
     else
         sbi_sparse_find_parts(matrix, matrix->live->part_of);
+    sbi_live_note_parts(matrix);
 }
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
@@ -687,20 +781,22 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     sbi_matrix_live *live = matrix->live;
     while (matrix->row_count > change->node_end) {
         int i = --matrix->row_count;
+        live->alone_count -= !live->marks[i];
+        live->used_blocks--;
         sbi_live_clear(matrix, matrix->row_start[i]);
         sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
     }
-    for (int k = 0, count = live->touched_count; k < count; k++) {
+    for (int k = live->touched_count; k-- > 0;) {
         int i = live->touched[k];
-        live->marks[i] = 0;
-        if (i >= matrix->row_count)
+        if (i >= matrix->row_count) {
+            live->marks[i] = 0;
+            live->touched[k] = live->touched[--live->touched_count];
             continue;
+        }
+        live->alone_count += sbi_live_is_alone(matrix, i);
         if (!live->in_use[i])
             sbi_live_set_free_row(matrix, i);
     }
-    for (int k = live->touched_count; k-- > 0;)
-        if (live->touched[k] >= matrix->row_count)
-            live->touched[k] = live->touched[--live->touched_count];
 }
 
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
@@ -727,6 +823,8 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change,
     sbi_live_fill(matrix);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
+    for (int k = 0; k < live->touched_count; k++)
+        live->marks[live->touched[k]] = 0;
     live->key_count = 0;
 }
 
@@ -759,7 +857,9 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
+    live->used_blocks = made.block_count;
     *matrix = made;
+    sbi_live_note_parts(matrix);
     return 1;
 }
 
@@ -823,25 +923,35 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
 {
     const sbi_matrix_live *live = matrix->live;
+    int blocks = 0, alone = 0;
     if (!live)
         return SB_OK;
     if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
     for (int i = 0; i < matrix->row_count; i++) {
         sb_result result = sbi_live_check_row(matrix, i, error);
+        blocks += matrix->row_end[i] - matrix->row_start[i];
+        alone += sbi_live_is_alone(matrix, i);
         if (result != SB_OK)
             return result;
         if (live->marks[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
     }
+    if (blocks != live->used_blocks || alone != live->alone_count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d blocks in rows and %d rows alone, not %d and %d", blocks, alone,
+                        live->used_blocks, live->alone_count);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
             for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
                 if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
                     return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    sbi_matrix_list_parts(matrix);
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             if (live->part_of[matrix->part_rows[k]] != c)
                 return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    for (int c = 0; c < matrix->part_count; c++)
+        if (c != live->alone_part && live->part_first[c] != matrix->part_rows[matrix->part_start[c]])
+            return sbi_fail(error, SB_ERROR_STATE, "part %d does not begin with row %d", c, live->part_first[c]);
     return SB_OK;
 }

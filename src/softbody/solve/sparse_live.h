@@ -46,8 +46,14 @@ typedef struct sbi_matrix_live {
     int *touched;            /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;            /* 1: all rows moved */
+    int used_blocks;         /* blocks that are in rows */
     /* parts */
     int *part_of;            /* [row_capacity] */
+    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
+    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;              /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
@@ -74,7 +80,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or get another
+ * first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
@@ -82,6 +89,9 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
+ * who read them. */
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
@@ -96,7 +106,7 @@ SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error
 /* Finds the connected parts of rows and lists them; part_of [row_count]. */
 SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
 /* Lists rows by part, once every row has one. */
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of);
 #endif
 
 #endif /* SB_SPARSE_LIVE_H */
