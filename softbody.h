@@ -28401,6 +28401,13 @@ typedef struct sbi_live_key {
     int uses;
 } sbi_live_key;
 
+/* Two nodes that a change is about: by how much the uses of their coupling change in all. */
+typedef struct sbi_live_pair {
+    int low, high;
+    int uses;
+    int next; /* while the plan is made: the next one with the same low node, or -1 */
+} sbi_live_pair;
+
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
     unsigned version;        /* how many changes there were, from 1 */
@@ -28426,6 +28433,8 @@ typedef struct sbi_matrix_live {
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
+    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    int pair_count, pair_capacity;
     int pack;                /* 1: rows are pushed together first */
     int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
@@ -28448,9 +28457,9 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or get another
- * first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
+ * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 /* The same of rows. */
@@ -29152,6 +29161,7 @@ SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
     sbi_free(&matrix->allocator, matrix->live->row_memory);
     sbi_free(&matrix->allocator, matrix->live->pool_memory);
     sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live->pairs);
     sbi_free(&matrix->allocator, matrix->live);
     matrix->live = NULL;
 }
@@ -29321,99 +29331,169 @@ static void sbi_live_pack(sb_matrix *matrix)
         sbi_live_touch(matrix, i);
 }
 
-/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+/* ---- the plan: couplings that change --------------------------------------------------------------------- */
 
-static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+/* Adds to what a pair of nodes changes by; of most pairs of a changed cell nothing is left in the end. */
+static void sbi_live_plan_pair(sbi_matrix_live *live, int i, int j, int uses)
 {
-    return a.row < b.row || (a.row == b.row && a.column < b.column);
-}
-
-/* By row and column; Shell's sort, with gaps of Ciura. */
-static void sbi_live_sort_keys(sbi_live_key *keys, int count)
-{
-    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
-    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
-        int gap = gaps[g];
-        for (int k = gap; k < count; k++) {
-            sbi_live_key key = keys[k];
-            int at = k;
-            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
-                keys[at] = keys[at - gap];
-            keys[at] = key;
-        }
-    }
-}
-
-/* Plans the coupling of two nodes, unless the pattern has it. */
-static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
-{
-    sbi_matrix_live *live = matrix->live;
-    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+    int low = sbi_min_int(i, j), high = sbi_max_int(i, j), at = live->held[low];
+    sbi_live_pair *pair;
+    if (i == j)
         return;
-    for (int flip = 0; flip < 2; flip++) {
-        sbi_live_key *key = live->keys + live->key_count++;
-        key->row = flip ? j : i;
-        key->column = flip ? i : j;
-        key->uses = 1;
+    while (at >= 0 && live->pairs[at].high != high)
+        at = live->pairs[at].next;
+    if (at >= 0) {
+        live->pairs[at].uses += uses;
+        return;
     }
+    pair = live->pairs + live->pair_count;
+    pair->low = low;
+    pair->high = high;
+    pair->uses = uses;
+    pair->next = live->held[low];
+    live->held[low] = live->pair_count++;
 }
 
-/* Sorts the plan and makes one of several keys of a coupling. */
-static void sbi_live_merge_keys(sbi_matrix_live *live)
+/* The same for all pairs of cells, but, with `marked` 0, those of marked nodes. */
+static void sbi_live_plan_cells(sbi_matrix_live *live, int count, int n, const int *cells, int uses, int marked)
 {
-    int count = 0;
-    sbi_live_sort_keys(live->keys, live->key_count);
-    for (int k = 0; k < live->key_count; k++)
-        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
-            live->keys[count - 1].uses += live->keys[k].uses;
-        else
-            live->keys[count++] = live->keys[k];
-    live->key_count = count;
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n && (marked || !live->marks[cells[a]]); b++)
+                if (marked || !live->marks[cells[b]])
+                    sbi_live_plan_pair(live, cells[a], cells[b], uses);
 }
 
-/* Room for so many keys; 0: no memory. */
-static int sbi_live_take_keys(sb_matrix *matrix, size_t most)
+/* No pairs yet with any of these nodes. */
+static void sbi_live_plan_nodes(sbi_matrix_live *live, size_t count, const int *nodes)
+{
+    for (size_t k = 0; k < count; k++)
+        live->held[nodes[k]] = -1;
+}
+
+/* All pairs of a change. Couplings of nodes that it removes go with these; theirs are not counted. */
+static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    live->pair_count = 0;
+    if (others) {
+        sbi_live_plan_nodes(live, 2 * (size_t)others->gone_count, others->gone);
+        sbi_live_plan_nodes(live, 2 * (size_t)others->made_count, others->made);
+    }
+    if (change) {
+        int n = change->nodes_per_cell;
+        sbi_live_plan_nodes(live, (size_t)change->removed_cell_count * (size_t)n, change->removed_cell_nodes);
+        sbi_live_plan_nodes(live, (size_t)change->made_cell_count * (size_t)n, change->made_cell_nodes);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 1;
+        sbi_live_plan_cells(live, change->removed_cell_count, n, change->removed_cell_nodes, -1, 0);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 0;
+        sbi_live_plan_cells(live, change->made_cell_count, n, change->made_cell_nodes, 1, 1);
+    }
+    for (int k = 0; others && k < others->gone_count; k++)
+        sbi_live_plan_pair(live, others->gone[2 * (size_t)k], others->gone[2 * (size_t)k + 1], -1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(live, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
+}
+
+/* Leaves the pairs whose coupling is there and changes; *made: how many more are new, behind them. */
+static void sbi_live_sort_pairs(const sb_matrix *matrix, int *made)
 {
     sbi_matrix_live *live = matrix->live;
-    sbi_live_key *keys;
-    int capacity;
-    if (most <= (size_t)live->key_capacity)
-        return 1;
-    capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
-    keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
-    if (!keys)
+    int count = 0, end = 0;
+    for (int k = 0; k < live->pair_count; k++) {
+        sbi_live_pair pair = live->pairs[k];
+        if (pair.uses == 0)
+            continue;
+        live->pairs[end] = pair;
+        if (sb_matrix_find(matrix, pair.low, pair.high) >= 0) {
+            live->pairs[end] = live->pairs[count];
+            live->pairs[count++] = pair;
+        }
+        end++;
+    }
+    live->pair_count = count;
+    *made = end - count;
+}
+
+/* The keys of new couplings, row after row, columns ascending in each. */
+static void sbi_live_list_keys(sbi_matrix_live *live, int made)
+{
+    const sbi_live_pair *pairs = live->pairs + live->pair_count;
+    int *rows = live->lost, *starts = live->held, *ends = live->seen, row_count = 0, end = 0;
+    for (int k = 0; k < made; k++)
+        ends[pairs[k].low] = ends[pairs[k].high] = 0;
+    for (int k = 0; k < 2 * made; k++) {
+        int i = k % 2 ? pairs[k / 2].high : pairs[k / 2].low;
+        if (ends[i]++ == 0)
+            rows[row_count++] = i;
+    }
+    for (int k = 0; k < row_count; k++) {
+        starts[rows[k]] = end;
+        end += ends[rows[k]];
+        ends[rows[k]] = starts[rows[k]];
+    }
+    for (int k = 0; k < 2 * made; k++) {
+        const sbi_live_pair *pair = pairs + k / 2;
+        int i = k % 2 ? pair->high : pair->low, j = k % 2 ? pair->low : pair->high, at = ends[i]++;
+        for (; at > starts[i] && live->keys[at - 1].column > j; at--)
+            live->keys[at] = live->keys[at - 1];
+        live->keys[at].row = i;
+        live->keys[at].column = j;
+        live->keys[at].uses = pair->uses;
+    }
+    live->key_count = end;
+}
+
+/* Room for so many keys and pairs; 0: no memory. */
+static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+{
+    sbi_matrix_live *live = matrix->live;
+    const sb_allocator *allocator = &matrix->allocator;
+    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
         return 0;
-    sbi_free(&matrix->allocator, live->keys);
-    live->keys = keys;
-    live->key_capacity = capacity;
+    if (keys > (size_t)live->key_capacity) {
+        int capacity = sbi_live_more((int)keys);
+        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->keys);
+        live->keys = made;
+        live->key_capacity = capacity;
+    }
+    if (pairs > (size_t)live->pair_capacity) {
+        int capacity = sbi_live_more((int)pairs);
+        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->pairs);
+        live->pairs = made;
+        live->pair_capacity = capacity;
+    }
     return 1;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
 {
-    return sbi_live_take_keys(matrix, (size_t)couplings)
+    return sbi_live_take_plan(matrix, (size_t)couplings, (size_t)couplings)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d new couplings", couplings);
 }
 
-/* Fills the plan; 0: no memory. */
+/* Fills the plan, with rows for all nodes there; 0: no memory. */
 static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
 {
     sbi_matrix_live *live = matrix->live;
-    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
-    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
-    if (!sbi_live_take_keys(matrix, most))
+    size_t n = change ? (size_t)change->nodes_per_cell : 0, each = n > 0 ? n * (n - 1) / 2 : 0, pairs, keys;
+    int made;
+    keys = 2 * each * (change ? (size_t)change->made_cell_count : 0) + 2 * (size_t)(others ? others->made_count : 0);
+    pairs = each * (change ? (size_t)change->made_cell_count + (size_t)change->removed_cell_count : 0) +
+            (others ? (size_t)others->made_count + (size_t)others->gone_count : 0);
+    if (!sbi_live_take_plan(matrix, keys, pairs))
         return 0;
-    live->key_count = 0;
-    for (int c = 0; c < cells; c++) {
-        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
-        for (int a = 0; a < n; a++)
-            for (int b = a + 1; b < n; b++)
-                sbi_live_plan_pair(matrix, cell[a], cell[b]);
-    }
-    for (int k = 0; others && k < others->made_count; k++)
-        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
-    sbi_live_merge_keys(live);
+    sbi_live_plan_pairs(live, change, others);
+    sbi_live_sort_pairs(matrix, &made);
+    sbi_live_list_keys(live, made);
     return 1;
 }
 
@@ -29438,9 +29518,10 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
                                      const sbi_matrix_couplings *others, sb_error *error)
 {
     sbi_matrix_live *live = matrix->live;
-    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
-    if (made && rows > live->row_capacity)
+    int rows = change ? change->node_end : matrix->row_count, made = 1;
+    if (rows > live->row_capacity)
         made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    made = made && sbi_live_plan(matrix, change, others);
     live->pack = 0;
     if (made) {
         size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
@@ -29458,7 +29539,7 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 
 /* ---- following ------------------------------------------------------------------------------------------- */
 
-/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+/* Adds to the counts of a coupling that the pattern has. */
 static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
 {
     int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
@@ -29480,10 +29561,12 @@ static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int 
                 sbi_live_count(matrix, cells[a], cells[b], uses);
 }
 
-static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+/* The uses of couplings that there are, as planned. */
+static void sbi_live_count_planned(sb_matrix *matrix)
 {
-    for (int k = 0; k < count; k++)
-        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->pair_count; k++)
+        sbi_live_count(matrix, live->pairs[k].low, live->pairs[k].high, live->pairs[k].uses);
 }
 
 /* All couplings of a node that goes. */
@@ -29827,23 +29910,16 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     }
 }
 
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_mesh_change same;
     sbi_matrix_live *live = matrix->live;
-    int n;
     memset(&same, 0, sizeof same);
     same.node_end = matrix->row_count;
     change = change ? change : &same;
-    n = change->nodes_per_cell;
     sbi_live_begin(matrix);
-    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
     sbi_live_follow_nodes(matrix, change);
-    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    sbi_live_count_planned(matrix);
     for (int k = 0; k < live->key_count; k++)
         sbi_live_touch(matrix, live->keys[k].row);
     for (int k = 0; k < live->touched_count; k++)
@@ -29853,7 +29929,7 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change,
     sbi_live_follow_parts(matrix);
     for (int k = 0; k < live->touched_count; k++)
         live->marks[live->touched[k]] = 0;
-    live->key_count = 0;
+    live->key_count = live->pair_count = 0;
 }
 
 /* ---- making one -------------------------------------------------------------------------------------------- */
@@ -29912,8 +29988,8 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
     for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
         if (cells[0] >= 0)
             sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
     for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
@@ -50492,7 +50568,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_follow_nodes_of_body(work);
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
-    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_matrix_follow(&body->matrix, out);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);

@@ -497,7 +497,7 @@ static void sbi_live_follow_all(sbi_live_following *work)
     sbi_live_follow_nodes_of_body(work);
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
-    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_matrix_follow(&body->matrix, out);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
     sbi_live_wake_nodes(work);
     sbi_live_label_changed(work);

@@ -33,6 +33,13 @@ typedef struct sbi_live_key {
     int uses;
 } sbi_live_key;
 
+/* Two nodes that a change is about: by how much the uses of their coupling change in all. */
+typedef struct sbi_live_pair {
+    int low, high;
+    int uses;
+    int next; /* while the plan is made: the next one with the same low node, or -1 */
+} sbi_live_pair;
+
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
     unsigned version;        /* how many changes there were, from 1 */
@@ -58,6 +65,8 @@ typedef struct sbi_matrix_live {
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
+    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    int pair_count, pair_capacity;
     int pack;                /* 1: rows are pushed together first */
     int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
@@ -80,9 +89,9 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or get another
- * first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
+ * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 /* The same of rows. */
