@@ -21,6 +21,7 @@ typedef struct sbi_assembly_live {
     int *place, *last;     /* [node_capacity] scratch */
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
+    unsigned char *kept;   /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
     int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
     int *chunk_node_count; /* [chunks], -1: to be listed again */
