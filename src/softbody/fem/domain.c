@@ -131,6 +131,10 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
+            if (!(domain->weights[at] > 0)) /* the product of small numbers */
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is too small: nothing is left of its volume at integration point %d",
+                                        e, p);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -412,9 +416,9 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
 {
-    return sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) > 0;
+    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -465,7 +469,8 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
 
 SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     rule->count = sbi_element_quadrature(element, SB_QUADRATURE_MASS, points, rule->weights);
     for (int p = 0; p < rule->count; p++) {
@@ -473,6 +478,8 @@ SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rul
         memcpy(rule->shapes[p], shape, sizeof rule->shapes[p]);
     }
     memcpy(rule->slopes, local, sizeof rule->slopes);
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    rule->volume = weights[0];
 }
 
 SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])

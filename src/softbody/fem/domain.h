@@ -95,9 +95,10 @@ typedef struct sbi_tet_rule {
     int count;                                   /* points of the mass */
     sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
     sb_real slopes[4][3];                        /* local gradients, the same at all points */
+    sb_real volume;                              /* weight of the one point of the stiffness */
 } sbi_tet_rule;
-/* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4]);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
