@@ -5784,6 +5784,9 @@ typedef struct sbi_tet_rule {
 } sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* The same of cell e, with the error of sbi_domain_fill. */
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -28521,7 +28524,7 @@ typedef struct sbi_matrix_live {
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
- * slack    share of rows and blocks in reserve, >= 0
+ * slack    share of rows in reserve, >= 0; with some, blocks have a quarter more
  * SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
@@ -30049,13 +30052,20 @@ static int sbi_live_capacity(int count, double slack)
     return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
 }
 
+/* Blocks of a matrix with slack: a quarter more, so that rows can be pushed together instead of a pool made anew, until
+ * nodes and cells have used up the slack. */
+static int sbi_live_pool_capacity(int blocks, double slack)
+{
+    return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
 {
     sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
     if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
-                                     sbi_live_capacity(matrix->block_count, slack))) {
+                                     sbi_live_pool_capacity(matrix->block_count, slack))) {
         sbi_free(&matrix->allocator, live);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
     }
@@ -40093,6 +40103,16 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
+static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *error)
+{
+    if (!(det > 0))
+        return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                "element %d is inverted or flat at integration point %d (Jacobian %g)", e, point,
+                                (double)det);
+    return sbi_fail_element(error, SB_ERROR_MESH, e, /* the product of small numbers */
+                            "element %d is too small: nothing is left of its volume at integration point %d", e, point);
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error)
 {
@@ -40114,17 +40134,11 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         for (int p = 0; p < q; p++) {
             size_t at = first + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            if (!(det > 0))
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
-                                        (double)det);
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
-            if (!(domain->weights[at] > 0)) /* the product of small numbers */
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is too small: nothing is left of its volume at integration point %d",
-                                        e, p);
+            if (!(det > 0) || !(domain->weights[at] > 0))
+                return sbi_domain_refuse(e, p, det, error);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -40409,6 +40423,13 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
 {
     return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+}
+
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+{
+    if (sbi_domain_is_upright(rule, x, share))
+        return SB_OK;
+    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -46162,6 +46183,7 @@ typedef struct sbi_live {
     void *lists;              /* behind the lists of a change while it is made */
     size_t list_bytes;
     int version;
+    int rebuilds;             /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
@@ -46180,6 +46202,8 @@ typedef struct sbi_live_mesh {
     void *memory;
 } sbi_live_mesh;
 
+/* The error of a node that a change leaves without a cell; made: by this change. */
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_destroy(sb_body *body);
@@ -51941,6 +51965,44 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     return result;
 }
 
+/* Whether all nodes that a change should leave in cells are; node_marks are 0 before and after. */
+static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                         sb_error *error)
+{
+    int *marks = body->live->node_marks;
+    sb_result result = SB_OK;
+    for (int e = 0; e < mesh->cells.end; e++)
+        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+            marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
+    for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
+        if (!marks[out->made_nodes[i]])
+            result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
+    for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
+        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+            result = sbi_live_refuse_lonely(i, 0, error);
+    memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
+    return result;
+}
+
+/* What else can be seen to be wrong with a mesh of tet4 before a body is made of it. */
+static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                       sb_error *error)
+{
+    sb_result result = SB_OK;
+    sbi_tet_rule rule;
+    if (!sbi_live_follows(body) || mesh->nodes.end > body->live->nodes.capacity)
+        return SB_OK;
+    sbi_domain_make_tet_rule(&body->domain, &rule);
+    for (int e = 0; e < mesh->cells.end && result == SB_OK; e++) {
+        sb_vec3 x[4];
+        for (int a = 0; a < 4; a++)
+            x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
+        if (mesh->shares[e] > 0)
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+    }
+    return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
+}
+
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
 static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change *out, sb_error *error)
 {
@@ -51950,7 +52012,11 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     memset(&mesh, 0, sizeof mesh);
     result = sbi_change_make_mesh(change, out, &mesh, error);
     if (result == SB_OK)
+        result = sbi_change_check_mesh(body, out, &mesh, error);
+    if (result == SB_OK) {
+        body->live->rebuilds++;
         result = sbi_live_build(body, &mesh, &next, error);
+    }
     if (result == SB_OK)
         result = sbi_live_carry(body, out, &mesh, next, error);
     if (result == SB_OK)
@@ -52654,17 +52720,22 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 
 /* ---- all of it ---- */
 
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
+{
+    return sbi_fail_node(error, SB_ERROR_MESH, node,
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+}
+
 /* Every node in use has a cell, but those that had none before. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
         if (next->node_component[change->made_nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
-                                 change->made_nodes[i]);
+            return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
         if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+            return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
 
@@ -52730,6 +52801,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;
+    made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;

@@ -664,17 +664,22 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 
 /* ---- all of it ---- */
 
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
+{
+    return sbi_fail_node(error, SB_ERROR_MESH, node,
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+}
+
 /* Every node in use has a cell, but those that had none before. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
         if (next->node_component[change->made_nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
-                                 change->made_nodes[i]);
+            return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
         if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+            return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
 
@@ -740,6 +745,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;
+    made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;

@@ -103,6 +103,16 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
+static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *error)
+{
+    if (!(det > 0))
+        return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                "element %d is inverted or flat at integration point %d (Jacobian %g)", e, point,
+                                (double)det);
+    return sbi_fail_element(error, SB_ERROR_MESH, e, /* the product of small numbers */
+                            "element %d is too small: nothing is left of its volume at integration point %d", e, point);
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error)
 {
@@ -124,17 +134,11 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         for (int p = 0; p < q; p++) {
             size_t at = first + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            if (!(det > 0))
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
-                                        (double)det);
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
-            if (!(domain->weights[at] > 0)) /* the product of small numbers */
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is too small: nothing is left of its volume at integration point %d",
-                                        e, p);
+            if (!(det > 0) || !(domain->weights[at] > 0))
+                return sbi_domain_refuse(e, p, det, error);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -419,6 +423,13 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
 {
     return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+}
+
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+{
+    if (sbi_domain_is_upright(rule, x, share))
+        return SB_OK;
+    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)

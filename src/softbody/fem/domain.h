@@ -99,6 +99,9 @@ typedef struct sbi_tet_rule {
 } sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* The same of cell e, with the error of sbi_domain_fill. */
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;

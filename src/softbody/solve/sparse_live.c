@@ -909,13 +909,20 @@ static int sbi_live_capacity(int count, double slack)
     return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
 }
 
+/* Blocks of a matrix with slack: a quarter more, so that rows can be pushed together instead of a pool made anew, until
+ * nodes and cells have used up the slack. */
+static int sbi_live_pool_capacity(int blocks, double slack)
+{
+    return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
 {
     sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
     if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
-                                     sbi_live_capacity(matrix->block_count, slack))) {
+                                     sbi_live_pool_capacity(matrix->block_count, slack))) {
         sbi_free(&matrix->allocator, live);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
     }

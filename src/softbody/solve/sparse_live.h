@@ -78,7 +78,7 @@ typedef struct sbi_matrix_live {
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
- * slack    share of rows and blocks in reserve, >= 0
+ * slack    share of rows in reserve, >= 0; with some, blocks have a quarter more
  * SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
