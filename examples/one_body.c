@@ -46,10 +46,11 @@ typedef struct settings {
     int cells, steps, help;
 } settings;
 
-/* A body with a needle before it. */
+/* A body with a needle before it, and where in it the target is. */
 typedef struct scene {
     sb_body *body;
     ndl_needle *needle;
+    sb_embedding *target; /* one point, that keeps its material while the mesh follows the needle */
 } scene;
 
 typedef struct work {
@@ -60,10 +61,8 @@ typedef struct work {
     sb_vec3 *truth;            /* displacements of the nodes when the scan was made here (m), or NULL */
     sb_vec3 target, direction; /* m in the organ at rest; unit vector of the needle */
     sb_vec3 entry;             /* m, on the skin at rest */
-    int target_cell;           /* of the organ's mesh */
-    double target_weights[4];
     scene main, second, third;
-    sb_embedding *embedding;
+    sb_embedding *embedding;   /* of the fine skin; follows the first scene */
     sb_recording *recording;
     sb_output csv;             /* csv.file is NULL: none is open */
     sb_vec3 offset;            /* m from the sleeve's first place to that before the target */
@@ -180,25 +179,6 @@ static int hold_organ(work *w)
     return w->held_count >= 3 ? 0 : complain(EXIT_USAGE, w->set->mesh, "has no nodes in the middle behind to be held by");
 }
 
-/* Shares of a tet's nodes in a point; returns the least, negative when it is outside. */
-static double tet_weights(const sb_mesh *mesh, int tet, sb_vec3 p, double weights[4])
-{
-    const int *n = mesh->elements + 4 * (size_t)tet;
-    sb_vec3 e[4];
-    double whole, least = 1;
-    for (int c = 1; c < 4; c++)
-        e[c] = sb_v3_sub(mesh->nodes[n[c]], mesh->nodes[n[0]]);
-    p = sb_v3_sub(p, mesh->nodes[n[0]]);
-    whole = (double)sb_v3_dot(e[1], sb_v3_cross(e[2], e[3]));
-    weights[1] = (double)sb_v3_dot(p, sb_v3_cross(e[2], e[3])) / whole;
-    weights[2] = (double)sb_v3_dot(p, sb_v3_cross(e[3], e[1])) / whole;
-    weights[3] = (double)sb_v3_dot(p, sb_v3_cross(e[1], e[2])) / whole;
-    weights[0] = 1 - weights[1] - weights[2] - weights[3];
-    for (int c = 0; c < 4; c++)
-        least = fmin(least, weights[c]);
-    return least;
-}
-
 /* A target in the thick part, and a way to it from above that no edges of the mesh run along. */
 static int choose_way(work *w)
 {
@@ -214,12 +194,6 @@ static int choose_way(work *w)
     w->target = share_of_box(w, 0.33, 0.47, 0.5);
     w->direction = sb_v3(REAL(0.1), REAL(0.2), -1);
     w->direction = sb_v3_scale(1 / sb_v3_norm(w->direction), w->direction);
-    w->target_cell = -1;
-    for (int e = 0; e < w->organ.element_count && w->target_cell < 0; e++)
-        if (tet_weights(&w->organ, e, w->target, w->target_weights) >= 0)
-            w->target_cell = e;
-    if (w->target_cell < 0)
-        return complain(EXIT_USAGE, w->set->mesh, "there is no organ where the target should be");
     if (sb_surface_create(&w->skin, NULL, &skin, &error) != SB_OK)
         return complain_of(EXIT_SOLVE, w->set->skin, &error);
     from = sb_v3_madd(w->target, REAL(-2 * size), w->direction);
@@ -259,40 +233,59 @@ static sb_result make_body(const work *w, sb_body **body, sb_error *error)
     return result == SB_OK ? sb_body_hold(*body, w->held, w->held_count, SB_XYZ, error) : result;
 }
 
-/* The same organ and needle each time; the needle's sleeve stands off, clear of the organ wherever that goes. */
-static int make_scene(const work *w, scene *s)
+/* Marks the target in the scene's body. */
+static sb_result mark_target(const work *w, scene *s, sb_error *error)
+{
+    sb_embedding_def def = sb_default_embedding_def();
+    sb_result result;
+    def.mesh = &w->organ;
+    def.points = &w->target;
+    def.point_count = 1;
+    result = sb_embedding_create(&def, &s->target, error);
+    return result == SB_OK ? sb_embedding_follow(s->target, s->body, error) : result;
+}
+
+/* The needle's sleeve stands off, clear of the organ wherever that goes. */
+static sb_result make_needle(const work *w, scene *s, sb_error *error)
 {
     ndl_friction friction = {REAL(w->set->friction), 5, REAL(w->set->cutting), 0, 0};
     ndl_needle_def def = ndl_default_needle_def();
+    def.body = s->body;
+    def.base = sb_v3_madd(w->entry, REAL(-SLEEVE), w->direction);
+    def.direction = w->direction;
+    def.length = REAL(SLEEVE - STANDOFF);
+    def.frictions = &friction;
+    def.friction_count = 1;
+    def.entry_slip = 0; /* the needle enters where it is aimed at */
+    return ndl_needle_create(&def, &s->needle, error);
+}
+
+/* The same organ, needle and target each time. */
+static int make_scene(const work *w, scene *s)
+{
     sb_error error;
     sb_result result = make_body(w, &s->body, &error);
-    if (result == SB_OK) {
-        def.body = s->body;
-        def.base = sb_v3_madd(w->entry, REAL(-SLEEVE), w->direction);
-        def.direction = w->direction;
-        def.length = REAL(SLEEVE - STANDOFF);
-        def.frictions = &friction;
-        def.friction_count = 1;
-        def.entry_slip = 0; /* the needle enters where it is aimed at */
-        result = ndl_needle_create(&def, &s->needle, &error);
-    }
+    if (result == SB_OK)
+        result = mark_target(w, s, &error);
+    if (result == SB_OK && sb_embedding_get_report(s->target).inside == 0)
+        return complain(EXIT_USAGE, w->set->mesh, "there is no organ where the target should be");
+    if (result == SB_OK)
+        result = make_needle(w, s, &error);
     return result == SB_OK ? 0 : complain_of(EXIT_SOLVE, "the organ with its needle", &error);
 }
 
 static void free_scene(scene *s)
 {
+    sb_embedding_destroy(s->target);
     ndl_needle_destroy(s->needle);
     sb_body_destroy(s->body);
 }
 
-/* Where the target is (m), by where the nodes of the organ's mesh are. */
-static sb_vec3 target_among(const work *w, const sb_vec3 *nodes)
+/* Where the target is now (m). */
+static int find_target(const scene *s, sb_vec3 *target)
 {
-    const int *n = w->organ.elements + 4 * (size_t)w->target_cell;
-    sb_vec3 x = sb_v3(0, 0, 0);
-    for (int c = 0; c < 4; c++)
-        x = sb_v3_madd(x, REAL(w->target_weights[c]), nodes[n[c]]);
-    return x;
+    sb_result result = sb_embedding_update(s->target, sb_body_positions(s->body), target, NULL, NULL);
+    return result == SB_OK ? 0 : complain(EXIT_SOLVE, "the target", sb_result_string(result));
 }
 
 /* ---- the scan -------------------------------------------------------------------------------------------------- */
@@ -496,6 +489,7 @@ static int register_organ(work *w)
 {
     reg_match_def def = reg_default_match_def();
     reg_match *match = NULL;
+    sb_vec3 target;
     sb_error error;
     int status;
     def.body = w->main.body;
@@ -513,23 +507,14 @@ static int register_organ(work *w)
         return status;
     if (measure_fit(w, &error) != SB_OK)
         return complain_memory();
-    w->offset = sb_v3_sub(target_among(w, sb_body_positions(w->main.body)), w->target);
+    if (find_target(&w->main, &target))
+        return EXIT_SOLVE;
+    w->offset = sb_v3_sub(target, w->target);
     w->wrong = w->truth ? error_of(w) : 0;
     return 0;
 }
 
 /* ---- the needle ------------------------------------------------------------------------------------------------ */
-
-/* Where the target is now (m). The organ's mesh follows the needle: where its first nodes are tells. */
-static int find_target(const work *w, const scene *s, sb_vec3 *target)
-{
-    sb_vec3 *nodes = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *nodes);
-    sb_result result = nodes ? ndl_remesh_original_positions(ndl_needle_remesh(s->needle), nodes) : SB_ERROR_MEMORY;
-    if (result == SB_OK)
-        *target = target_among(w, nodes);
-    free(nodes);
-    return result == SB_OK ? 0 : complain(EXIT_SOLVE, "the target", sb_result_string(result));
-}
 
 /* Steps of the needle: the sleeve goes to its place, the needle goes in (the organ gives way, and it takes longer than at
  * rest), waits, and is drawn out. */
@@ -562,7 +547,7 @@ static ndl_command command_at(const work *w, const scene *s, sb_vec3 target, int
 static int note_step(work *w, int step)
 {
     sb_vec3 force, tip = ndl_needle_tip(w->main.needle).position, target;
-    if (find_target(w, &w->main, &target))
+    if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     ndl_needle_base_wrench(w->main.needle, &force, NULL);
     fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
@@ -578,7 +563,7 @@ static int make_step(const work *w, scene *s, int step)
     sb_error error;
     sb_vec3 target;
     char place[64];
-    if (find_target(w, s, &target))
+    if (find_target(s, &target))
         return EXIT_SOLVE;
     command = command_at(w, s, target, step);
     if (ndl_step(s->body, &s->needle, 1, REAL(STEP), &command, NULL, &error) == SB_OK)
@@ -627,12 +612,10 @@ static int draw_skin(const work *w, picture *p, double *most)
 {
     size_t count = (size_t)w->skin.node_count;
     sb_mesh skin = w->skin;
-    sb_vec3 *nodes = (sb_vec3 *)malloc((size_t)w->organ.node_count * sizeof *nodes);
     sb_vec3 *points = (sb_vec3 *)malloc(count * sizeof *points);
     sb_real *moved = (sb_real *)malloc(count * sizeof *moved);
-    int good = nodes && points && moved &&
-               ndl_remesh_original_positions(ndl_needle_remesh(w->main.needle), nodes) == SB_OK &&
-               sb_embedding_update(w->embedding, nodes, points, NULL, NULL) == SB_OK;
+    int good = points && moved &&
+               sb_embedding_update(w->embedding, sb_body_positions(w->main.body), points, NULL, NULL) == SB_OK;
     *most = 0;
     for (size_t i = 0; good && i < count; i++) {
         moved[i] = 1000 * sb_v3_norm(sb_v3_sub(points[i], w->skin.nodes[i]));
@@ -645,7 +628,6 @@ static int draw_skin(const work *w, picture *p, double *most)
         picture_add_surface(p, &skin, moved, 0, *most > 0 ? *most : 1);
         free(skin.elements);
     }
-    free(nodes);
     free(points);
     free(moved);
     return good;
@@ -662,7 +644,7 @@ static int draw_picture(const work *w)
     picture p;
     int result = PICTURE_NO_MEMORY;
     picture_begin(&p, width, height);
-    if (draw_skin(w, &p, &most) && !find_target(w, &w->main, &target)) {
+    if (draw_skin(w, &p, &most) && !find_target(&w->main, &target)) {
         for (int i = 0; i < w->scan.count; i += 7)
             picture_add_capsule(&p, w->scan.points[i], w->scan.points[i], 0.0007, picture_web(0x0072b2));
         for (int i = 0; i + 1 < ndl_rod_node_count(rod); i++)
@@ -693,6 +675,8 @@ static int begin_all(work *w)
     int status = make_scene(w, &w->main);
     if (status)
         return status;
+    if (sb_embedding_follow(w->embedding, w->main.body, &error) != SB_OK)
+        return complain_of(EXIT_SOLVE, "the embedded skin", &error);
     if (sb_recording_start(w->main.body, 0, NULL, &w->recording, &error) != SB_OK)
         return complain_of(EXIT_SOLVE, "the recording", &error);
     name_file(w, ".csv", path);
@@ -729,7 +713,7 @@ static int insert_all(work *w)
         return status;
     w->reached = sb_body_state_hash(w->main.body);
     w->reached_tip = ndl_needle_tip(w->main.needle).position;
-    if (find_target(w, &w->main, &target))
+    if (find_target(&w->main, &target))
         return EXIT_SOLVE;
     w->missed = (double)sb_v3_norm(sb_v3_sub(target, w->reached_tip));
     return draw_picture(w);

@@ -122,7 +122,7 @@ static void live_remesh(void *user)
 /* The body's image, and in it the remesher's part, which its name begins. */
 static int save_patient(patient *p)
 {
-    size_t size = sb_body_state_size(p->body), at = size;
+    size_t size = sb_body_state_size(p->body), at = size > 8 ? size - 8 : 0;
     unsigned char *image = (unsigned char *)malloc(size);
     memset(&p->as_body, 0, sizeof p->as_body);
     p->as_body.user = p;

@@ -51,7 +51,7 @@ static double whole_energy(const needle_scene *s)
 static void through(const variant *v)
 {
     needle_scene s = needle_scene_default();
-    sb_vec3 fibres[6000];
+    static sb_vec3 fibres[6000]; /* large for a stack */
     s.other = &v->material;
     s.body_def.max_newton = v->max_newton;
     for (int e = 0; e < 6000; e++)

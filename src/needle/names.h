@@ -62,7 +62,6 @@
 #define ndl_remesh_hit ndl_remesh_hit_f32
 #define ndl_remesh_split_count ndl_remesh_split_count_f32
 #define ndl_remesh_quality ndl_remesh_quality_f32
-#define ndl_remesh_original_positions ndl_remesh_original_positions_f32
 #define ndl_remesh_is_original ndl_remesh_is_original_f32
 #define ndl_remesh_check ndl_remesh_check_f32
 #define ndl_helix_pose ndl_helix_pose_f32

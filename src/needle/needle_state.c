@@ -325,7 +325,7 @@ NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *co
                                     const ndl_command *commands, sb_result result)
 {
     int ints[2 + NDL_MAX_NEEDLES];
-    sb_real reals[1 + NDLI_COMMAND_REALS * NDL_MAX_NEEDLES];
+    sb_real reals[1 + (int)NDLI_COMMAND_REALS * (int)NDL_MAX_NEEDLES];
     ints[0] = NDLI_COMMAND_STEP, ints[1] = count;
     reals[0] = dt;
     for (int k = 0; k < count; k++) {

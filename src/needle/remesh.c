@@ -1988,28 +1988,6 @@ NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality
         ndli_topology_quality(remesh->mesh, worst_quality, min_dihedral, max_dihedral);
 }
 
-NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions)
-{
-    const ndli_topology *mesh;
-    const sb_vec3 *x;
-    if (!remesh || !positions)
-        return SB_ERROR_ARGUMENT;
-    if (remesh->stale)
-        return SB_ERROR_STATE;
-    mesh = remesh->mesh;
-    x = sb_body_positions(remesh->body);
-    memcpy(positions, x, (size_t)mesh->original_nodes * sizeof *x);
-    for (int i = 0; i < mesh->displaced_count; i++) {
-        int node = mesh->displaced[i];
-        sb_real w[4];
-        const int *n = mesh->tets + 4 * (size_t)ndli_topology_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
-        positions[node] = sb_v3(0, 0, 0);
-        for (int c = 0; c < 4; c++)
-            positions[node] = sb_v3_madd(positions[node], w[c], x[n[c]]);
-    }
-    return SB_OK;
-}
-
 NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh)
 {
     return remesh && (remesh->stale || ndli_topology_is_original(remesh->mesh));

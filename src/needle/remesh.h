@@ -114,13 +114,6 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
  * in degrees. O(tets). */
 NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
                                 sb_real *max_dihedral);
-/* positions[nodes of the mesh that the remesher was made on] (m): where the material is now that was at those nodes. Once
- * nodes have moved in the material these are not the nodes' positions (sb_body_positions), and they alone are what an
- * sb_embedding or sb_embedding_mapping of that mesh goes by (sb_embedding_update, sb_embedding_forces): with those of the
- * body it would be wrong by millimetres. As long as no node is moved both are the same bits. Allocates nothing; cost: of a
- * copy and, per node moved, of a walk through the mesh. SB_ERROR_ARGUMENT for NULL; SB_ERROR_STATE when others have
- * changed the mesh since the last step. */
-NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions);
 /* 1 when the mesh is the one that the remesher was made on, number by number and place by place. */
 NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh);
 /* Whether what the remesher knows of the mesh is consistent and the body's: for tests. SB_ERROR_MESH names the first

@@ -67,7 +67,6 @@ SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_er
 
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
-SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
 {

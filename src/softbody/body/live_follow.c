@@ -163,12 +163,12 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x);
+    return sbi_domain_is_upright(&work->body->domain, x, share);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -181,10 +181,11 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n);
+        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
-        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k]);
+        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
+                                        out->reshaped_shares[k]);
     return good;
 }
 

@@ -46,34 +46,6 @@ SBI_API void sbi_live_destroy(sb_body *body)
 
 /* ---- readings ---- */
 
-SB_API int sb_body_node_in_use(const sb_body *body, int node)
-{
-    if (!body || node < 0 || node >= body->domain.node_count)
-        return 0;
-    return !body->live || body->live->nodes.used[node];
-}
-
-SB_API int sb_body_cell_in_use(const sb_body *body, int cell)
-{
-    return body && cell >= 0 && cell < body->domain.cell_count && sbi_live_has_cell(body, cell);
-}
-
-SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell)
-{
-    return sb_body_cell_in_use(body, cell) ? body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell
-                                           : NULL;
-}
-
-SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
-{
-    if (!sb_body_cell_in_use(body, cell))
-        return 0;
-    return body->live ? body->live->shares[cell] : 1;
-}
-
-SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
-SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
-
 SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
                                   int *cells, sb_error *error)
 {

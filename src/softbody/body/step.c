@@ -239,7 +239,7 @@ static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sb
     sbi_step_begin_info(step->info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
         return sbi_fail(&step->info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
-    step->begun = sbi_step_now(body);
+    step->begun = sbi_body_now(body);
     sbi_step_set_up(step, body, dt, step->info);
     sbi_step_save(body);
     sbi_step_watch_knots(body, step->linearised);
@@ -281,7 +281,7 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
 {
     sb_step_info *info = step->info;
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
-    info->seconds_total = sbi_step_now(step->body) - step->begun;
+    info->seconds_total = sbi_body_now(step->body) - step->begun;
     sbi_body_tell(step->body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &step->dt, 1);
     return sbi_step_report(info, result);
 }

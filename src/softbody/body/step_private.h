@@ -6,7 +6,6 @@
 #include "step_parts.h"
 
 /* ---- step_residual.c ---- */
-SBI_API double sbi_step_now(const sb_body *body);
 /* v and a at the present displacement. */
 SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
 SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);

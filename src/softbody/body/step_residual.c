@@ -11,8 +11,6 @@
 
 /* ---- small vector loops ---- */
 
-SBI_API double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
-
 /* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
 typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
 
@@ -67,13 +65,13 @@ SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
 SBI_API sb_result sbi_step_force(sbi_step *step)
 {
     sb_body *b = step->body;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     int bad = -1;
     if (!b->force_current) {
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
         b->force_current = bad < 0;
     }
-    step->info->seconds_force += sbi_step_now(b) - begin;
+    step->info->seconds_force += sbi_body_now(b) - begin;
     if (bad >= 0)
         return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
@@ -103,7 +101,7 @@ static sb_matrix sbi_step_damping_matrix(const sb_body *b)
 SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
     sb_body *b = step->body;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
     if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
@@ -115,7 +113,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     }
     if (b->load_count)
         sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
-    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->info->seconds_tangent += sbi_body_now(b) - begin;
 }
 
 /* Keeps the stiffness at the start of the step for D. Were it to follow the iterations, the step would have no
@@ -127,10 +125,10 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
     sb_result result = sbi_step_force(step);
     if (result != SB_OK)
         return result;
-    begin = sbi_step_now(b);
+    begin = sbi_body_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
     memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
-    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->info->seconds_tangent += sbi_body_now(b) - begin;
     step->lagged_damping = 1;
     return SB_OK;
 }

@@ -134,7 +134,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     result = sbi_static_check(body, options, &info->error);
     if (result != SB_OK)
         return result;
-    begin = sbi_step_now(body);
+    begin = sbi_body_now(body);
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&step, 0, sizeof step);
     step.body = body;
@@ -157,7 +157,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
-    info->seconds_total = sbi_step_now(body) - begin;
+    info->seconds_total = sbi_body_now(body) - begin;
     sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
 }

@@ -153,7 +153,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sbi_elimination *e = b->elimination;
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     step->opens_gaps = 0;
     sbi_step_predict(step);
     for (int i = 0; i < b->domain.node_count; i++)
@@ -166,7 +166,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
-    step->info->seconds_precond += sbi_step_now(b) - begin;
+    step->info->seconds_precond += sbi_body_now(b) - begin;
     return result;
 }
 
@@ -178,13 +178,13 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_step_now(b) - begin;
+    info->seconds_solve += sbi_body_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
     if (step->linearised)

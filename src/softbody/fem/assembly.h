@@ -123,6 +123,11 @@ SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb
  * sbi_assembly_begin_step(to, 0). */
 SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 
+/* ---- assembly_turn ---- */
+
+/* Mean deformation gradient of a cell with q points; the identity where it has no weight. */
+SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q);
+
 /* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
  * [points_per_cell] deformation gradients and what they turn by. */
 SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
@@ -134,6 +139,8 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
  * a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where moments are
  * large. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness);
+
+/* ---- assembly: readings ---- */
 
 /* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */

@@ -131,6 +131,10 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
+            if (!(domain->weights[at] > 0)) /* the product of small numbers */
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is too small: nothing is left of its volume at integration point %d",
+                                        e, p);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -412,14 +416,14 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     sb_real gradients[12];
     sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
     sbi_element_shape(element, points[0], NULL, local);
-    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+    return share * (sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) * weights[0]) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)

@@ -90,8 +90,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
-/* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4]);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;

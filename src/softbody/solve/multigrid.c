@@ -22,46 +22,17 @@ enum {
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
-{
-    size_t bytes = 128; /* alignment, and room to read past the end */
-    void *raw;
-    if (m->array_count == SBI_MG_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
-        return NULL;
-    raw = sbi_alloc(&m->allocator, bytes, 1);
-    if (!raw)
-        return NULL;
-    m->arrays[m->array_count++] = raw;
-    m->bytes += bytes;
-    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
-}
-
-static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
-
-/* Zeroed, so that what is read past either end is a number. */
-SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
-{
-    float *floats = NULL;
-    if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
-        floats = (float *)sbi_mg_take(m, count * width + 16, sizeof(float));
-    if (!floats)
-        return NULL;
-    memset(floats, 0, (count * width + 32) * sizeof(float));
-    return floats + 16;
-}
-
 SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
 {
     sb_allocator allocator;
     if (!multigrid)
         return;
-    allocator = multigrid->allocator;
+    allocator = multigrid->owned.allocator;
     sbi_mg_regions_free(&allocator, &multigrid->regions);
     sbi_mg_free_islands(&multigrid->islands);
     sb_direct_free(multigrid->direct);
     sb_matrix_free(&multigrid->coarsest);
-    for (int k = 0; k < multigrid->array_count; k++)
-        sbi_free(&allocator, multigrid->arrays[k]);
+    sbi_owned_free(&multigrid->owned);
     sbi_free(&allocator, multigrid);
 }
 
@@ -72,7 +43,7 @@ SBI_API void sbi_multigrid_set_poisson(sbi_multigrid *multigrid, double poisson)
 
 SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid) { return multigrid->couples_parts; }
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
-SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->bytes; }
+SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->owned.bytes; }
 
 /* ---- one level ----------------------------------------------------------------------------------------- */
 
@@ -81,15 +52,15 @@ static int sbi_mg_take_finest(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count, blocks = (size_t)level->block_count;
     if (m->regions.count > 0) {
-        level->mend = sbi_mg_take_floats(m, rows, 12);
+        level->mend = sbi_owned_take_floats(&m->owned, rows, 12);
         return level->mend != NULL;
     }
 #if SB_REAL_IS_FLOAT
     (void)blocks;
     return 1;
 #else
-    level->rest = (uint16_t *)sbi_mg_take(m, blocks, 9 * sizeof(uint16_t));
-    m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
+    level->rest = (uint16_t *)sbi_owned_take(&m->owned, blocks, 9 * sizeof(uint16_t));
+    m->spread = (double *)sbi_owned_take(&m->owned, rows, 4 * sizeof(double));
     return level->rest && m->spread;
 #endif
 }
@@ -100,17 +71,17 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     size_t rows = (size_t)level->row_count;
     int finest = level == m->levels, packed = finest || (m->regions.count == 0 && level->block_count >= SBI_MG_PACKED);
     if (packed) {
-        level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
-        level->scale = sbi_mg_take_floats(m, rows, 4);
+        level->packed = (int16_t *)sbi_owned_take(&m->owned, (size_t)level->block_count, 9 * sizeof(int16_t));
+        level->scale = sbi_owned_take_floats(&m->owned, rows, 4);
     }
     if (!finest)
-        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
-    level->inverse = sbi_mg_take_floats(m, rows, 12);
-    level->x = sbi_mg_take_floats(m, rows, 4);
-    level->r = sbi_mg_take_floats(m, rows, 4);
-    level->d = sbi_mg_take_floats(m, rows, 4);
-    level->e = sbi_mg_take_floats(m, rows, 4);
-    level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
+        level->blocks = sbi_owned_take_floats(&m->owned, (size_t)level->block_count, 9);
+    level->inverse = sbi_owned_take_floats(&m->owned, rows, 12);
+    level->x = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->r = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->d = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->e = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->partial = (double *)sbi_owned_take(&m->owned, rows / SBI_MG_ROWS + 1, sizeof(double));
     if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks) ||
         (finest && !sbi_mg_take_finest(m, level)))
         return 0;
@@ -123,9 +94,9 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
     int end = 0;
     level->row_count = pattern->row_count;
     level->block_count = (int)blocks;
-    level->row_start = sbi_mg_take_ints(m, rows + 1);
-    level->columns = sbi_mg_take_ints(m, blocks);
-    level->diagonal = sbi_mg_take_ints(m, rows);
+    level->row_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->columns = sbi_owned_take_ints(&m->owned, blocks);
+    level->diagonal = sbi_owned_take_ints(&m->owned, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
     level->row_start[0] = 0;
@@ -143,12 +114,12 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
 static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_level *level)
 {
     size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
-    level->parent_start = sbi_mg_take_ints(m, n + 1);
-    level->parents = sbi_mg_take_ints(m, entries);
-    level->shares = sbi_mg_take_floats(m, entries, 1);
-    level->child_start = sbi_mg_take_ints(m, coarse + 2);
-    level->children = sbi_mg_take_ints(m, entries);
-    level->child_shares = sbi_mg_take_floats(m, entries, 1);
+    level->parent_start = sbi_owned_take_ints(&m->owned, n + 1);
+    level->parents = sbi_owned_take_ints(&m->owned, entries);
+    level->shares = sbi_owned_take_floats(&m->owned, entries, 1);
+    level->child_start = sbi_owned_take_ints(&m->owned, coarse + 2);
+    level->children = sbi_owned_take_ints(&m->owned, entries);
+    level->child_shares = sbi_owned_take_floats(&m->owned, entries, 1);
     if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
         !level->child_shares)
         return 0;
@@ -225,10 +196,10 @@ static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_l
     size_t rows = (size_t)level->row_count, mixed = sbi_mg_walk_mixed(planner, level, NULL);
     if (mixed == (size_t)-1)
         return 0;
-    level->mixed_start = sbi_mg_take_ints(m, rows + 1);
-    level->slot_start = sbi_mg_take_ints(m, rows + 1);
-    level->slots = sbi_mg_take_ints(m, sbi_mg_count_slots(level));
-    level->mixed = sbi_mg_take_floats(m, mixed, 9);
+    level->mixed_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->slot_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->slots = sbi_owned_take_ints(&m->owned, sbi_mg_count_slots(level));
+    level->mixed = sbi_owned_take_floats(&m->owned, mixed, 9);
     planner->mixed_columns = (int *)sbi_alloc(planner->allocator, mixed, sizeof(int));
     if (!level->mixed_start || !level->slot_start || !level->slots || !level->mixed || !planner->mixed_columns)
         return 0;
@@ -275,8 +246,8 @@ static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, c
 {
     size_t rows = (size_t)planner->coarse_count, blocks;
     coarse->row_count = planner->coarse_count;
-    coarse->row_start = sbi_mg_take_ints(m, rows + 1);
-    coarse->diagonal = sbi_mg_take_ints(m, rows);
+    coarse->row_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    coarse->diagonal = sbi_owned_take_ints(&m->owned, rows);
     if (!coarse->row_start || !coarse->diagonal)
         return 0;
     coarse->row_start[0] = 0;
@@ -284,7 +255,7 @@ static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, c
     if (blocks > INT_MAX)
         return 0;
     coarse->block_count = (int)blocks;
-    coarse->columns = sbi_mg_take_ints(m, blocks);
+    coarse->columns = sbi_owned_take_ints(&m->owned, blocks);
     if (!coarse->columns)
         return 0;
     for (size_t a = 0; a < rows; a++)
@@ -337,8 +308,8 @@ static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level 
 static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
                             const sbi_mg_level *coarse)
 {
-    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_mg_take(m, blocks + 2, sizeof(size_t)), total;
-    fine->twins = sbi_mg_take_ints(m, blocks);
+    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
+    fine->twins = sbi_owned_take_ints(&m->owned, blocks);
     if (!start || !fine->twins)
         return 0;
     memset(start, 0, (blocks + 2) * sizeof *start);
@@ -347,8 +318,8 @@ static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi
         start[q] += start[q - 1];
     total = start[blocks + 1];
     fine->sum_start = start;
-    fine->sum_blocks = sbi_mg_take_ints(m, total + SBI_MG_BLOCKS_AHEAD);
-    fine->sum_shares = sbi_mg_take_floats(m, total, 1);
+    fine->sum_blocks = sbi_owned_take_ints(&m->owned, total + SBI_MG_BLOCKS_AHEAD);
+    fine->sum_shares = sbi_owned_take_floats(&m->owned, total, 1);
     if (!fine->sum_blocks || !fine->sum_shares)
         return 0;
     memset(fine->sum_blocks + total, 0, SBI_MG_BLOCKS_AHEAD * sizeof(int));
@@ -363,14 +334,14 @@ static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
     sbi_mg_level *fine = m->levels + m->level_count - 1, *coarse = fine + 1;
     sbi_mg_planner planner;
     int made;
-    planner.allocator = &m->allocator;
+    planner.allocator = &m->owned.allocator;
     planner.coarse_count = rows->coarse_count;
     planner.mixed_columns = NULL;
-    planner.place = (int *)sbi_alloc(&m->allocator, (size_t)rows->coarse_count, sizeof(int));
+    planner.place = (int *)sbi_alloc(&m->owned.allocator, (size_t)rows->coarse_count, sizeof(int));
     made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
            sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_sums(m, &planner, fine, coarse);
-    sbi_free(&m->allocator, planner.place);
-    sbi_free(&m->allocator, planner.mixed_columns);
+    sbi_free(&m->owned.allocator, planner.place);
+    sbi_free(&m->owned.allocator, planner.mixed_columns);
     m->level_count += made;
     return made;
 }
@@ -476,10 +447,10 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
 {
     int made = 1;
     if (setup->like && setup->like->regions.row_count == pattern->row_count)
-        made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
+        made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
     else if (!setup->like && setup->moduli && setup->level_count == 0)
-        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
-    m->bytes += (size_t)m->regions.row_count * sizeof(int) +
+        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
+    m->owned.bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
 }
@@ -496,19 +467,19 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->owned.allocator,
                                     labels) &&
-               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->allocator, rows);
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->owned.allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
-        sbi_mg_rows_free(&m->allocator, rows);
+        sbi_mg_rows_free(&m->owned.allocator, rows);
         if (count <= 2 * m->small)
             return 1;
         nodes.labels = NULL;
     }
-    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->allocator, rows);
+    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->owned.allocator, rows);
     if (made && rows->coarse_count > count / 2)
-        sbi_mg_rows_free(&m->allocator, rows);
+        sbi_mg_rows_free(&m->owned.allocator, rows);
     return made;
 }
 
@@ -524,9 +495,9 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
         sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
         if (result != SB_OK)
             return result;
-        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+        made = sbi_mg_copy_level(setup->levels + own, &m->owned.allocator, rows);
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
-        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->owned.allocator, rows);
     } else {
         if (own > 0 && level->row_count <= m->small)
             return SB_OK;
@@ -543,7 +514,7 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
     if (index > setup->level_count &&
         !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
         return 1;
-    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    level->positions = (sb_vec3 *)sbi_owned_take(&m->owned, (size_t)level->row_count, sizeof(sb_vec3));
     if (level->positions)
         memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
     return level->positions != NULL;
@@ -556,7 +527,7 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
     if (m->regions.count) {
-        last.labels = (int *)sbi_alloc(&m->allocator, (size_t)m->regions.row_count, sizeof(int));
+        last.labels = (int *)sbi_alloc(&m->owned.allocator, (size_t)m->regions.row_count, sizeof(int));
         if (!last.labels)
             return sbi_mg_no_memory(m, error);
         memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
@@ -570,12 +541,12 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             continue;
         if (!rows.start)
             break;
-        sbi_mg_rows_free(&m->allocator, &last);
+        sbi_mg_rows_free(&m->owned.allocator, &last);
         last = rows;
         if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
             result = sbi_mg_no_memory(m, error);
     }
-    sbi_mg_rows_free(&m->allocator, &last);
+    sbi_mg_rows_free(&m->owned.allocator, &last);
     return result;
 }
 
@@ -604,14 +575,14 @@ static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
         most += (size_t)m->levels[l].row_count;
     if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
         return 1;
-    part_of = (int *)sbi_alloc(&m->allocator, 2 * most, sizeof(int));
+    part_of = (int *)sbi_alloc(&m->owned.allocator, 2 * most, sizeof(int));
     for (int c = 0; part_of && c < pattern->part_count; c++)
         for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
             part_of[pattern->part_rows[k]] = c;
     for (int l = 0; part_of && l + 1 < m->level_count && m->levels[l + 1].positions && !m->couples_parts; l++)
         m->couples_parts = !sbi_mg_lower_parts(m->levels + l, m->levels[l + 1].row_count, part_of, part_of + most);
     made = part_of != NULL;
-    sbi_free(&m->allocator, part_of);
+    sbi_free(&m->owned.allocator, part_of);
     return made;
 }
 
@@ -641,9 +612,9 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!m)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a multigrid");
     if (allocator)
-        m->allocator = *allocator;
+        m->owned.allocator = *allocator;
     m->jobs = setup->jobs;
-    m->bytes = sizeof *m;
+    m->owned.bytes = sizeof *m;
     m->level_count = 1;
     m->levels[0].row_count = pattern->row_count;
     m->wide = setup->like && setup->like->wide;

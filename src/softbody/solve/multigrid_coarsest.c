@@ -43,10 +43,10 @@ static int sbi_mg_copy_level_pattern(const sbi_mg_level *level, const int *rows,
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct)
 {
-    if (!sbi_mg_copy_level_pattern(level, rows, row_count, place, &m->allocator, matrix) ||
-        sb_direct_create(NULL, matrix, &m->allocator, direct, NULL) != SB_OK)
+    if (!sbi_mg_copy_level_pattern(level, rows, row_count, place, &m->owned.allocator, matrix) ||
+        sb_direct_create(NULL, matrix, &m->owned.allocator, direct, NULL) != SB_OK)
         return 0;
-    m->bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
+    m->owned.bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
                 sb_direct_get_info(*direct).bytes +
                 (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
@@ -55,7 +55,7 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
 SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t bytes = m->bytes;
+    size_t bytes = m->owned.bytes;
     double blocks = sbi_max_int(m->levels->row_start[m->levels->row_count], SBI_MG_DEAR_BLOCKS);
     *dear = 0;
     if (!m->regions.count || m->level_count == 1 || level->row_count > m->small)
@@ -68,7 +68,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
         sb_direct_free(m->direct);
         sb_matrix_free(&m->coarsest);
         m->direct = NULL;
-        m->bytes = bytes;
+        m->owned.bytes = bytes;
         m->small = SBI_MG_SPARSE / 2;
     }
     return 1;
@@ -76,7 +76,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
-    m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
+    m->exact = (sb_real *)sbi_owned_take(&m->owned, (size_t)level->row_count, 3 * sizeof(sb_real));
     if (!m->exact || m->direct)
         return m->exact != NULL;
     return sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
@@ -90,9 +90,9 @@ SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
         return 1;
     if (m->regions.count)
         return sbi_mg_take_sparse(m, level);
-    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
-    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
-    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
+    m->factor = (double *)sbi_owned_take(&m->owned, size, size * sizeof(double));
+    m->pivot = (double *)sbi_owned_take(&m->owned, size, sizeof(double));
+    m->solution = (double *)sbi_owned_take(&m->owned, size, sizeof(double));
     return m->factor && m->pivot && m->solution;
 }
 

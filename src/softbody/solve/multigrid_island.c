@@ -158,10 +158,10 @@ static int sbi_island_take(sbi_multigrid *m, const sbi_island_maker *maker)
     size_t rows = (size_t)level->row_count, total = 0;
     for (int k = 0; k < maker->run_count; k++)
         total += (size_t)maker->runs[k].count;
-    islands->rows = (int *)sbi_mg_take(m, total, sizeof(int));
-    islands->exact = (sb_real *)sbi_mg_take(m, total, 3 * sizeof(sb_real));
-    islands->side = (unsigned char *)sbi_mg_take(m, rows, 1);
-    islands->motion = sbi_mg_take_floats(m, rows, 4);
+    islands->rows = (int *)sbi_owned_take(&m->owned, total, sizeof(int));
+    islands->exact = (sb_real *)sbi_owned_take(&m->owned, total, 3 * sizeof(sb_real));
+    islands->side = (unsigned char *)sbi_owned_take(&m->owned, rows, 1);
+    islands->motion = sbi_owned_take_floats(&m->owned, rows, 4);
     if (!islands->rows || !islands->exact || !islands->side || !islands->motion)
         return 0;
     sbi_island_deal(maker, islands, level->row_count);
@@ -182,9 +182,9 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
     int made = 0;
     if (m->regions.count == 0)
         return 1;
-    maker.list = (int *)sbi_alloc(&m->allocator, rows, 3 * sizeof(int));
-    maker.runs = (sbi_island_run *)sbi_alloc(&m->allocator, rows, sizeof *maker.runs);
-    maker.mark = (unsigned char *)sbi_alloc(&m->allocator, rows, 1);
+    maker.list = (int *)sbi_alloc(&m->owned.allocator, rows, 3 * sizeof(int));
+    maker.runs = (sbi_island_run *)sbi_alloc(&m->owned.allocator, rows, sizeof *maker.runs);
+    maker.mark = (unsigned char *)sbi_alloc(&m->owned.allocator, rows, 1);
     if (maker.list && maker.runs && maker.mark) {
         maker.place = maker.list + rows;
         maker.group = maker.place + rows;
@@ -192,9 +192,9 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
         sbi_island_find(m->levels, most, &maker);
         made = maker.run_count == 0 || sbi_island_take(m, &maker);
     }
-    sbi_free(&m->allocator, maker.list);
-    sbi_free(&m->allocator, maker.runs);
-    sbi_free(&m->allocator, maker.mark);
+    sbi_free(&m->owned.allocator, maker.list);
+    sbi_free(&m->owned.allocator, maker.runs);
+    sbi_free(&m->owned.allocator, maker.mark);
     return made;
 }
 

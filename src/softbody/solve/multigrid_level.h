@@ -2,6 +2,7 @@
 #ifndef SB_MULTIGRID_LEVEL_H
 #define SB_MULTIGRID_LEVEL_H
 
+#include "../base/owned.h"
 #include "direct.h"
 #include "multigrid.h"
 
@@ -12,7 +13,6 @@
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
-    SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
@@ -113,7 +113,6 @@ typedef struct sbi_mg_islands {
 } sbi_mg_islands;
 
 struct sbi_multigrid {
-    sb_allocator allocator;
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
@@ -135,15 +134,9 @@ struct sbi_multigrid {
     double matrix_scale;      /* of the last update */
     double deviation;         /* see sbi_multigrid_deviation */
     int longest_row;          /* of level 0 */
-    size_t bytes;
-    int array_count;
-    void *arrays[SBI_MG_MAX_ARRAYS];
+    sbi_owned owned;          /* its arrays; bytes: of everything */
 };
 
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
-/* The same for count * width floats, zeroed, with room to read before the first, too. */
-SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width);
 /* ---- multigrid_coarsest ---- */
 
 /* A matrix with the pattern that rows of a level have among themselves, its blocks in the level's order, and what

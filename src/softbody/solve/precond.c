@@ -8,41 +8,16 @@
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
-{
-    size_t bytes = 64;
-    void *raw;
-    if (p->array_count == SBI_PRECOND_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
-        return NULL;
-    raw = sbi_alloc(&p->allocator, bytes, 1);
-    if (!raw)
-        return NULL;
-    p->arrays[p->array_count++] = raw;
-    p->bytes += bytes;
-    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
-}
-
-SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count)
-{
-    return (int *)sbi_precond_take(p, count, sizeof(int));
-}
-
-SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width)
-{
-    return (float *)sbi_precond_take(p, count, width * sizeof(float));
-}
-
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
 {
     sb_allocator allocator;
     if (!preconditioner)
         return;
-    allocator = preconditioner->allocator;
+    allocator = preconditioner->owned.allocator;
     sb_direct_free(preconditioner->direct);
     sbi_multigrid_free(preconditioner->multigrid);
     sbi_fsai_free(&allocator, &preconditioner->fsai);
-    for (int k = 0; k < preconditioner->array_count; k++)
-        sbi_free(&allocator, preconditioner->arrays[k]);
+    sbi_owned_free(&preconditioner->owned);
     sbi_free(&allocator, preconditioner);
 }
 
@@ -388,12 +363,12 @@ static sb_result sbi_precond_make_direct(sb_preconditioner *p, const sb_precondi
     sb_direct_def settings = sb_default_direct_def();
     sb_result result;
     settings.positions = def->positions;
-    p->exact = (sb_real *)sbi_precond_take(p, (size_t)a->row_count, 3 * sizeof(sb_real));
+    p->exact = (sb_real *)sbi_owned_take(&p->owned, (size_t)a->row_count, 3 * sizeof(sb_real));
     if (!p->exact)
         return SB_ERROR_MEMORY;
-    result = sb_direct_create(&settings, a, &p->allocator, &p->direct, NULL);
+    result = sb_direct_create(&settings, a, &p->owned.allocator, &p->direct, NULL);
     if (result == SB_OK)
-        p->bytes += sb_direct_get_info(p->direct).bytes;
+        p->owned.bytes += sb_direct_get_info(p->direct).bytes;
     return result;
 }
 
@@ -403,12 +378,12 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
 {
     sb_result result = SB_OK;
     if (p->kind == SB_PRECOND_FSAI) {
-        result = sbi_fsai_create(a, def->power, &p->allocator, &p->fsai);
-        p->bytes += p->fsai.bytes;
+        result = sbi_fsai_create(a, def->power, &p->owned.allocator, &p->fsai);
+        p->owned.bytes += p->fsai.bytes;
     } else if (p->kind == SB_PRECOND_CHOLESKY) {
         result = sbi_precond_make_direct(p, def, a);
     } else {
-        p->inverse = sbi_precond_take_floats(p, (size_t)sbi_matrix_row_capacity(a), 12);
+        p->inverse = sbi_owned_take_floats(&p->owned, (size_t)sbi_matrix_row_capacity(a), 12);
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
@@ -435,8 +410,8 @@ static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
     p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
     if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
         return 0;
-    p->scratch = sbi_precond_take_ints(p, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
-    p->centres = (sb_vec3 *)sbi_precond_take(p, (size_t)p->row_room, sizeof(sb_vec3));
+    p->scratch = sbi_owned_take_ints(&p->owned, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
+    p->centres = (sb_vec3 *)sbi_owned_take(&p->owned, (size_t)p->row_room, sizeof(sb_vec3));
     return p->scratch && p->centres;
 }
 
@@ -460,11 +435,11 @@ static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_precon
     size_t rows = (size_t)sbi_matrix_row_capacity(a);
     int pieces = sbi_precond_pieces(p, a->row_count);
     sb_result result = SB_OK;
-    p->middle = sbi_precond_take_floats(p, rows, 4);
-    p->result = sbi_precond_take_floats(p, rows, 4);
-    p->turns = sbi_precond_take_floats(p, rows, 12);
-    p->held = sbi_precond_take_floats(p, rows, 4);
-    p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
+    p->middle = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->result = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->turns = sbi_owned_take_floats(&p->owned, rows, 12);
+    p->held = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->fixed = (unsigned char *)sbi_owned_take(&p->owned, rows, 1);
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed || !sbi_precond_take_following(p, a))
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
@@ -487,10 +462,10 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     setup.level_count = def->level_count;
     setup.like = like ? like->multigrid : NULL;
     setup.jobs = def->jobs;
-    result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
+    result = sbi_multigrid_create(&setup, pattern, &p->owned.allocator, &p->multigrid, error);
     if (result != SB_OK)
         return result;
-    p->bytes += sbi_multigrid_bytes(p->multigrid);
+    p->owned.bytes += sbi_multigrid_bytes(p->multigrid);
     if (!like)
         sbi_multigrid_set_poisson(p->multigrid, (double)def->poisson);
     return SB_OK;
@@ -531,10 +506,10 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     if (!p)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner");
     if (allocator)
-        p->allocator = *allocator;
+        p->owned.allocator = *allocator;
     p->jobs = def->jobs;
     p->power = def->power;
-    p->bytes = sizeof *p;
+    p->owned.bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->rest = def->positions;
     p->wanted_pieces = def->piece_count;
@@ -847,6 +822,6 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.attempts = preconditioner->attempts;
     info.shift = preconditioner->shift;
     info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
-    info.bytes = preconditioner->bytes;
+    info.bytes = preconditioner->owned.bytes;
     return info;
 }

@@ -52,10 +52,10 @@ static void sbi_precond_list_blocks(sbi_precond_coarse *c, const sb_matrix *a, i
 static int sbi_precond_take_entries(sb_preconditioner *p, size_t entries, size_t blocks)
 {
     sbi_precond_coarse *c = &p->coarse;
-    c->entry_node = sbi_precond_take_ints(p, entries);
-    c->entry_start = sbi_precond_take_ints(p, entries + 2);
-    c->entry_blocks = sbi_precond_take_ints(p, blocks);
-    c->coupling = sbi_precond_take_floats(p, entries, 24);
+    c->entry_node = sbi_owned_take_ints(&p->owned, entries);
+    c->entry_start = sbi_owned_take_ints(&p->owned, entries + 2);
+    c->entry_blocks = sbi_owned_take_ints(&p->owned, blocks);
+    c->coupling = sbi_owned_take_floats(&p->owned, entries, 24);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
 }
 
@@ -63,7 +63,7 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
+    int *scratch = (int *)sbi_alloc(&p->owned.allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
     if (!scratch)
         return 0;
     entry_of = scratch + rows;
@@ -73,7 +73,7 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
         sbi_precond_list_entries(c, a, scratch, entry_of);
         sbi_precond_list_blocks(c, a, entries, entry_of);
     }
-    sbi_free(&p->allocator, scratch);
+    sbi_free(&p->owned.allocator, scratch);
     return made;
 }
 
@@ -120,17 +120,17 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, 6 * rows + 1, sizeof(int));
-    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, rows, sizeof(sb_vec3));
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
+    int *scratch = (int *)sbi_alloc(&p->owned.allocator, 6 * rows + 1, sizeof(int));
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->owned.allocator, rows, sizeof(sb_vec3));
+    c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     if (c->piece_nodes && c->piece_of && scratch && centres)
         c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
-    sbi_free(&p->allocator, scratch);
-    sbi_free(&p->allocator, centres);
+    sbi_free(&p->owned.allocator, scratch);
+    sbi_free(&p->owned.allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
         return 0;
-    c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    c->piece_start = sbi_owned_take_ints(&p->owned, (size_t)c->piece_count + 1);
     if (c->piece_start)
         sbi_precond_start_pieces(c, a->row_count);
     return c->piece_start != NULL;
@@ -140,15 +140,15 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 static int sbi_precond_take_motions(sb_preconditioner *p, size_t rows, size_t pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
-    c->piece_entry = sbi_precond_take_ints(p, pieces + 1);
-    c->reach = sbi_precond_take_ints(p, pieces);
-    c->row_at = (size_t *)sbi_precond_take(p, pieces, sizeof(size_t));
-    c->arms = sbi_precond_take_floats(p, rows, 4);
-    c->free = sbi_precond_take_floats(p, rows, 4);
-    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->inverse = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
-    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
+    c->piece_entry = sbi_owned_take_ints(&p->owned, pieces + 1);
+    c->reach = sbi_owned_take_ints(&p->owned, pieces);
+    c->row_at = (size_t *)sbi_owned_take(&p->owned, pieces, sizeof(size_t));
+    c->arms = sbi_owned_take_floats(&p->owned, rows, 4);
+    c->free = sbi_owned_take_floats(&p->owned, rows, 4);
+    c->places = (sb_real *)sbi_owned_take(&p->owned, rows, 4 * sizeof(sb_real));
+    c->inverse = (double *)sbi_owned_take(&p->owned, 6 * pieces, sizeof(double));
+    c->solution = (double *)sbi_owned_take(&p->owned, 6 * pieces, sizeof(double));
+    c->positions = (sb_vec3 *)sbi_owned_take(&p->owned, rows, sizeof(sb_vec3));
     return c->piece_entry && c->reach && c->row_at && c->arms && c->free && c->places && c->inverse && c->solution &&
            c->positions;
 }
@@ -164,7 +164,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    c->matrix = (double *)sbi_precond_take(p, sbi_precond_line_rows(c), sizeof(double));
+    c->matrix = (double *)sbi_owned_take(&p->owned, sbi_precond_line_rows(c), sizeof(double));
     return c->matrix != NULL;
 }
 
@@ -179,10 +179,10 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
     c->piece_room = (int)most;
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
-    c->piece_start = sbi_precond_take_ints(p, most + 1);
-    c->matrix = (double *)sbi_precond_take(p, 18 * most * (most + 1), sizeof(double));
+    c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_of = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_start = sbi_owned_take_ints(&p->owned, most + 1);
+    c->matrix = (double *)sbi_owned_take(&p->owned, 18 * most * (most + 1), sizeof(double));
     return c->piece_nodes && c->piece_of && c->piece_start && c->matrix && sbi_precond_take_motions(p, rows, most) &&
            sbi_precond_take_entries(p, blocks, blocks);
 }

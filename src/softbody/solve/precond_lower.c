@@ -105,13 +105,13 @@ static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t tot
 {
     size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
     p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
-    p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, 2 * longest, 12);
+    p->pair_start = (size_t *)sbi_owned_take(&p->owned, lower + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_owned_take(&p->owned, p->pair_room, 2 * sizeof(int));
+    p->row = sbi_owned_take_floats(&p->owned, 2 * longest, 12);
     if (p->row_room) {
-        p->place = sbi_precond_take_ints(p, (size_t)p->row_room);
-        p->in_row = sbi_precond_take_ints(p, 2 * (size_t)p->row_room);
-        p->found = sbi_precond_take_ints(p, 4 * longest);
+        p->place = sbi_owned_take_ints(&p->owned, (size_t)p->row_room);
+        p->in_row = sbi_owned_take_ints(&p->owned, 2 * (size_t)p->row_room);
+        p->found = sbi_owned_take_ints(&p->owned, 4 * longest);
         if (!p->place || !p->in_row || !p->found)
             return 0;
     }
@@ -152,16 +152,16 @@ SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int
 {
     size_t rows = (size_t)(p->row_room ? p->row_room : p->row_count);
     size_t lower = (size_t)(p->row_room ? p->block_room / 2 : p->lower_count);
-    int *place = (int *)sbi_alloc(&p->allocator, rows, 2 * sizeof(int)), made;
-    p->order = sbi_precond_take_ints(p, rows);
-    p->start = sbi_precond_take_ints(p, rows + 1);
-    p->columns = sbi_precond_take_ints(p, lower);
-    p->source = sbi_precond_take_ints(p, lower);
-    p->lower = sbi_precond_take_floats(p, lower, 12);
+    int *place = (int *)sbi_alloc(&p->owned.allocator, rows, 2 * sizeof(int)), made;
+    p->order = sbi_owned_take_ints(&p->owned, rows);
+    p->start = sbi_owned_take_ints(&p->owned, rows + 1);
+    p->columns = sbi_owned_take_ints(&p->owned, lower);
+    p->source = sbi_owned_take_ints(&p->owned, lower);
+    p->lower = sbi_owned_take_floats(&p->owned, lower, 12);
     made = place && p->order && p->start && p->columns && p->source && p->lower;
     if (made)
         made = sbi_precond_fill_lower(p, a, halved, place, lower, 1);
-    sbi_free(&p->allocator, place);
+    sbi_free(&p->owned.allocator, place);
     return made;
 }
 

@@ -6,11 +6,11 @@
 #include "../base/bytes.h"
 #include "direct.h"
 #include "../base/float4.h"
+#include "../base/owned.h"
 #include "precond.h"
 #include "precond_fsai.h"
 
 enum {
-    SBI_PRECOND_MAX_ARRAYS = 48,
     SBI_PRECOND_MAX_ATTEMPTS = 18,
     SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
                                  * factor of any positive definite one exists */
@@ -53,7 +53,6 @@ typedef struct sbi_precond_coarse {
 } sbi_precond_coarse;
 
 struct sb_preconditioner {
-    sb_allocator allocator;
     sb_jobs jobs;
     sb_precond_kind kind;
     int power;
@@ -106,9 +105,7 @@ struct sb_preconditioner {
     float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
     unsigned char *fixed; /* [row_count] masks of prescribed components */
     sbi_precond_coarse coarse;
-    size_t bytes;
-    int array_count;
-    void *arrays[SBI_PRECOND_MAX_ARRAYS];
+    sbi_owned owned;      /* its arrays; bytes: of everything */
 };
 
 /* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
@@ -141,11 +138,6 @@ SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const 
             SBI_F4(v, k) = 0;
     return sbi_f4_rows(v, p->turns + 12 * i);
 }
-
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
-SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count);
-SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width);
 
 /* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
 SBI_API double sbi_precond_power(double size);

@@ -267,6 +267,17 @@ SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_
     return result;
 }
 
+static void sbi_matrix_free_live(sb_matrix *matrix)
+{
+    if (!matrix->live)
+        return;
+    sbi_free(&matrix->allocator, matrix->live->row_memory);
+    sbi_free(&matrix->allocator, matrix->live->pool_memory);
+    sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live);
+    matrix->live = NULL;
+}
+
 SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
@@ -274,6 +285,21 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
     sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
+}
+
+SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int i)
+{
+    sb_real *block = matrix->blocks[matrix->diagonal[i]];
+    for (int k = 0; k < 9; k++)
+        block[k] = (sb_real)(k % 4 == 0);
+    matrix->fixed[i] = SB_XYZ;
+}
+
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
+{
+    for (int i = 0; matrix->live && i < matrix->row_count; i++)
+        if (!matrix->live->in_use[i])
+            sbi_matrix_set_free_row(matrix, i);
 }
 
 SB_API void sb_matrix_clear(sb_matrix *matrix)

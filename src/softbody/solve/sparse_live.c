@@ -113,17 +113,6 @@ static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
     return 1;
 }
 
-SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
-{
-    if (!matrix->live)
-        return;
-    sbi_free(&matrix->allocator, matrix->live->row_memory);
-    sbi_free(&matrix->allocator, matrix->live->pool_memory);
-    sbi_free(&matrix->allocator, matrix->live->keys);
-    sbi_free(&matrix->allocator, matrix->live);
-    matrix->live = NULL;
-}
-
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
 {
     return matrix->live ? matrix->live->block_capacity : matrix->block_count;
@@ -635,21 +624,6 @@ static void sbi_live_follow_parts(sb_matrix *matrix)
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
 
-static void sbi_live_set_free_row(sb_matrix *matrix, int i)
-{
-    sb_real *block = matrix->blocks[matrix->diagonal[i]];
-    for (int k = 0; k < 9; k++)
-        block[k] = (sb_real)(k % 4 == 0);
-    matrix->fixed[i] = SB_XYZ;
-}
-
-SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
-{
-    for (int i = 0; matrix->live && i < matrix->row_count; i++)
-        if (!matrix->live->in_use[i])
-            sbi_live_set_free_row(matrix, i);
-}
-
 static void sbi_live_begin(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
@@ -696,7 +670,7 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
         if (i >= matrix->row_count)
             continue;
         if (!live->in_use[i])
-            sbi_live_set_free_row(matrix, i);
+            sbi_matrix_set_free_row(matrix, i);
     }
     for (int k = live->touched_count; k-- > 0;)
         if (live->touched[k] >= matrix->row_count)

@@ -84,9 +84,10 @@ SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
-/* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
+/* sparse.c: the identity for the diagonal block of a row that is not in use, which is fixed; and of all such rows, for
+ * whoever writes all blocks. */
+SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int row);
 SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
-SBI_API void sbi_matrix_free_live(sb_matrix *matrix);
 /* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
  * first fault. */
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
