@@ -239,7 +239,6 @@
 #define ndl_remesh_hit ndl_remesh_hit_f32
 #define ndl_remesh_split_count ndl_remesh_split_count_f32
 #define ndl_remesh_quality ndl_remesh_quality_f32
-#define ndl_remesh_original_positions ndl_remesh_original_positions_f32
 #define ndl_remesh_is_original ndl_remesh_is_original_f32
 #define ndl_remesh_check ndl_remesh_check_f32
 #define ndl_helix_pose ndl_helix_pose_f32
@@ -696,13 +695,6 @@ NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
  * in degrees. O(tets). */
 NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
                                 sb_real *max_dihedral);
-/* positions[nodes of the mesh that the remesher was made on] (m): where the material is now that was at those nodes. Once
- * nodes have moved in the material these are not the nodes' positions (sb_body_positions), and they alone are what an
- * sb_embedding or sb_embedding_mapping of that mesh goes by (sb_embedding_update, sb_embedding_forces): with those of the
- * body it would be wrong by millimetres. As long as no node is moved both are the same bits. Allocates nothing; cost: of a
- * copy and, per node moved, of a walk through the mesh. SB_ERROR_ARGUMENT for NULL; SB_ERROR_STATE when others have
- * changed the mesh since the last step. */
-NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions);
 /* 1 when the mesh is the one that the remesher was made on, number by number and place by place. */
 NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh);
 /* Whether what the remesher knows of the mesh is consistent and the body's: for tests. SB_ERROR_MESH names the first
@@ -8664,28 +8656,6 @@ NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality
         ndli_topology_quality(remesh->mesh, worst_quality, min_dihedral, max_dihedral);
 }
 
-NDL_API sb_result ndl_remesh_original_positions(const ndl_remesh *remesh, sb_vec3 *positions)
-{
-    const ndli_topology *mesh;
-    const sb_vec3 *x;
-    if (!remesh || !positions)
-        return SB_ERROR_ARGUMENT;
-    if (remesh->stale)
-        return SB_ERROR_STATE;
-    mesh = remesh->mesh;
-    x = sb_body_positions(remesh->body);
-    memcpy(positions, x, (size_t)mesh->original_nodes * sizeof *x);
-    for (int i = 0; i < mesh->displaced_count; i++) {
-        int node = mesh->displaced[i];
-        sb_real w[4];
-        const int *n = mesh->tets + 4 * (size_t)ndli_topology_source(mesh, mesh->X0[node], mesh->node_star[node] / 4, w);
-        positions[node] = sb_v3(0, 0, 0);
-        for (int c = 0; c < 4; c++)
-            positions[node] = sb_v3_madd(positions[node], w[c], x[n[c]]);
-    }
-    return SB_OK;
-}
-
 NDL_API int ndl_remesh_is_original(const ndl_remesh *remesh)
 {
     return remesh && (remesh->stale || ndli_topology_is_original(remesh->mesh));
@@ -11726,7 +11696,7 @@ NDLI_API void ndli_needle_tell_step(const struct ndli_site *site, ndl_needle *co
                                     const ndl_command *commands, sb_result result)
 {
     int ints[2 + NDL_MAX_NEEDLES];
-    sb_real reals[1 + NDLI_COMMAND_REALS * NDL_MAX_NEEDLES];
+    sb_real reals[1 + (int)NDLI_COMMAND_REALS * (int)NDL_MAX_NEEDLES];
     ints[0] = NDLI_COMMAND_STEP, ints[1] = count;
     reals[0] = dt;
     for (int k = 0; k < count; k++) {

@@ -5775,8 +5775,8 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
-/* 1 when a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4]);
+/* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -6875,6 +6875,80 @@ SB_API void sb_mapping_spread(const sb_mapping *mapping, const sb_vec3 *f, sb_ve
             sb_vec3 *force = forces + mapping->nodes[k];
             *force = sb_v3_madd(*force, mapping->weights[k], f[j]);
         }
+}
+
+/* ==== src/softbody/base/owned.h ==== */
+/* owned: arrays that one object takes one by one and gives back together. Internal. Floor 0. */
+#ifndef SB_OWNED_H
+#define SB_OWNED_H
+
+
+/* All zeros is empty, with malloc. */
+typedef struct sbi_owned {
+    sb_allocator allocator;
+    void *last;   /* the array taken last; each knows the one before */
+    size_t bytes; /* of all of them */
+} sbi_owned;
+
+/* count items of `size` bytes that begin on a cache line and may be read a cache line past their end; NULL when there
+ * is no memory or the size does not fit. */
+SBI_API void *sbi_owned_take(sbi_owned *owned, size_t count, size_t size);
+SBI_API int *sbi_owned_take_ints(sbi_owned *owned, size_t count);
+/* count * width floats, zeroed, so that what is read a cache line before and past them is a number. */
+SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width);
+/* Gives all of them back. */
+SBI_API void sbi_owned_free(sbi_owned *owned);
+
+#endif /* SB_OWNED_H */
+
+/* ==== src/softbody/base/owned.c ==== */
+
+#include <string.h>
+
+enum { SBI_OWNED_LINE = 64 };
+
+SBI_API void *sbi_owned_take(sbi_owned *owned, size_t count, size_t size)
+{
+    size_t bytes = 3 * SBI_OWNED_LINE; /* the one before, alignment, and room to read past the end */
+    void *raw;
+    uintptr_t first;
+    if (!sbi_size_add(&bytes, count, size))
+        return NULL;
+    raw = sbi_alloc(&owned->allocator, bytes, 1);
+    if (!raw)
+        return NULL;
+    memcpy(raw, &owned->last, sizeof owned->last);
+    owned->last = raw;
+    owned->bytes += bytes;
+    first = (uintptr_t)raw + SBI_OWNED_LINE;
+    return (char *)raw + SBI_OWNED_LINE + (SBI_OWNED_LINE - first % SBI_OWNED_LINE) % SBI_OWNED_LINE;
+}
+
+SBI_API int *sbi_owned_take_ints(sbi_owned *owned, size_t count)
+{
+    return (int *)sbi_owned_take(owned, count, sizeof(int));
+}
+
+SBI_API float *sbi_owned_take_floats(sbi_owned *owned, size_t count, size_t width)
+{
+    const size_t line = SBI_OWNED_LINE / sizeof(float);
+    float *floats = NULL;
+    if (width == 0 || count <= ((size_t)-1 / sizeof(float) - 2 * line) / width)
+        floats = (float *)sbi_owned_take(owned, count * width + line, sizeof(float));
+    if (!floats)
+        return NULL;
+    memset(floats, 0, (count * width + 2 * line) * sizeof(float));
+    return floats + line;
+}
+
+SBI_API void sbi_owned_free(sbi_owned *owned)
+{
+    while (owned->last) {
+        void *raw = owned->last;
+        memcpy(&owned->last, raw, sizeof owned->last);
+        sbi_free(&owned->allocator, raw);
+    }
+    owned->bytes = 0;
 }
 
 /* ==== src/softbody/mesh/element.c ==== */
@@ -28443,9 +28517,10 @@ SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
-/* The identity for the diagonal blocks of rows that are not in use, which are fixed; for whoever writes all blocks. */
+/* sparse.c: the identity for the diagonal block of a row that is not in use, which is fixed; and of all such rows, for
+ * whoever writes all blocks. */
+SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int row);
 SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
-SBI_API void sbi_matrix_free_live(sb_matrix *matrix);
 /* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
  * first fault. */
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
@@ -28728,6 +28803,17 @@ SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_
     return result;
 }
 
+static void sbi_matrix_free_live(sb_matrix *matrix)
+{
+    if (!matrix->live)
+        return;
+    sbi_free(&matrix->allocator, matrix->live->row_memory);
+    sbi_free(&matrix->allocator, matrix->live->pool_memory);
+    sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live);
+    matrix->live = NULL;
+}
+
 SB_API void sb_matrix_free(sb_matrix *matrix)
 {
     if (!matrix)
@@ -28735,6 +28821,21 @@ SB_API void sb_matrix_free(sb_matrix *matrix)
     sbi_matrix_free_live(matrix);
     sbi_free(&matrix->allocator, matrix->memory);
     memset(matrix, 0, sizeof *matrix);
+}
+
+SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int i)
+{
+    sb_real *block = matrix->blocks[matrix->diagonal[i]];
+    for (int k = 0; k < 9; k++)
+        block[k] = (sb_real)(k % 4 == 0);
+    matrix->fixed[i] = SB_XYZ;
+}
+
+SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
+{
+    for (int i = 0; matrix->live && i < matrix->row_count; i++)
+        if (!matrix->live->in_use[i])
+            sbi_matrix_set_free_row(matrix, i);
 }
 
 SB_API void sb_matrix_clear(sb_matrix *matrix)
@@ -29120,17 +29221,6 @@ static int sbi_live_grow_pool(sb_matrix *matrix, int blocks)
     *matrix->live = live;
     *matrix = grown;
     return 1;
-}
-
-SBI_API void sbi_matrix_free_live(sb_matrix *matrix)
-{
-    if (!matrix->live)
-        return;
-    sbi_free(&matrix->allocator, matrix->live->row_memory);
-    sbi_free(&matrix->allocator, matrix->live->pool_memory);
-    sbi_free(&matrix->allocator, matrix->live->keys);
-    sbi_free(&matrix->allocator, matrix->live);
-    matrix->live = NULL;
 }
 
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix)
@@ -29644,21 +29734,6 @@ static void sbi_live_follow_parts(sb_matrix *matrix)
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
 
-static void sbi_live_set_free_row(sb_matrix *matrix, int i)
-{
-    sb_real *block = matrix->blocks[matrix->diagonal[i]];
-    for (int k = 0; k < 9; k++)
-        block[k] = (sb_real)(k % 4 == 0);
-    matrix->fixed[i] = SB_XYZ;
-}
-
-SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix)
-{
-    for (int i = 0; matrix->live && i < matrix->row_count; i++)
-        if (!matrix->live->in_use[i])
-            sbi_live_set_free_row(matrix, i);
-}
-
 static void sbi_live_begin(sb_matrix *matrix)
 {
     sbi_matrix_live *live = matrix->live;
@@ -29705,7 +29780,7 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
         if (i >= matrix->row_count)
             continue;
         if (!live->in_use[i])
-            sbi_live_set_free_row(matrix, i);
+            sbi_matrix_set_free_row(matrix, i);
     }
     for (int k = live->touched_count; k-- > 0;)
         if (live->touched[k] >= matrix->row_count)
@@ -31347,7 +31422,6 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
-    SBI_MG_MAX_ARRAYS = 28 * SBI_MG_MAX_LEVELS,
     SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
     SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
     SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
@@ -31448,7 +31522,6 @@ typedef struct sbi_mg_islands {
 } sbi_mg_islands;
 
 struct sbi_multigrid {
-    sb_allocator allocator;
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
@@ -31470,15 +31543,9 @@ struct sbi_multigrid {
     double matrix_scale;      /* of the last update */
     double deviation;         /* see sbi_multigrid_deviation */
     int longest_row;          /* of level 0 */
-    size_t bytes;
-    int array_count;
-    void *arrays[SBI_MG_MAX_ARRAYS];
+    sbi_owned owned;          /* its arrays; bytes: of everything */
 };
 
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size);
-/* The same for count * width floats, zeroed, with room to read before the first, too. */
-SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width);
 /* ---- multigrid_coarsest ---- */
 
 /* A matrix with the pattern that rows of a level have among themselves, its blocks in the level's order, and what
@@ -32936,10 +33003,10 @@ static int sbi_mg_copy_level_pattern(const sbi_mg_level *level, const int *rows,
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct)
 {
-    if (!sbi_mg_copy_level_pattern(level, rows, row_count, place, &m->allocator, matrix) ||
-        sb_direct_create(NULL, matrix, &m->allocator, direct, NULL) != SB_OK)
+    if (!sbi_mg_copy_level_pattern(level, rows, row_count, place, &m->owned.allocator, matrix) ||
+        sb_direct_create(NULL, matrix, &m->owned.allocator, direct, NULL) != SB_OK)
         return 0;
-    m->bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
+    m->owned.bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
                 sb_direct_get_info(*direct).bytes +
                 (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
@@ -32948,7 +33015,7 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
 SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 {
     const sbi_mg_level *level = m->levels + m->level_count - 1;
-    size_t bytes = m->bytes;
+    size_t bytes = m->owned.bytes;
     double blocks = sbi_max_int(m->levels->row_start[m->levels->row_count], SBI_MG_DEAR_BLOCKS);
     *dear = 0;
     if (!m->regions.count || m->level_count == 1 || level->row_count > m->small)
@@ -32961,7 +33028,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
         sb_direct_free(m->direct);
         sb_matrix_free(&m->coarsest);
         m->direct = NULL;
-        m->bytes = bytes;
+        m->owned.bytes = bytes;
         m->small = SBI_MG_SPARSE / 2;
     }
     return 1;
@@ -32969,7 +33036,7 @@ SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear)
 
 static int sbi_mg_take_sparse(sbi_multigrid *m, const sbi_mg_level *level)
 {
-    m->exact = (sb_real *)sbi_mg_take(m, (size_t)level->row_count, 3 * sizeof(sb_real));
+    m->exact = (sb_real *)sbi_owned_take(&m->owned, (size_t)level->row_count, 3 * sizeof(sb_real));
     if (!m->exact || m->direct)
         return m->exact != NULL;
     return sbi_mg_take_direct(m, level, NULL, level->row_count, NULL, &m->coarsest, &m->direct);
@@ -32983,9 +33050,9 @@ SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m)
         return 1;
     if (m->regions.count)
         return sbi_mg_take_sparse(m, level);
-    m->factor = (double *)sbi_mg_take(m, size, size * sizeof(double));
-    m->pivot = (double *)sbi_mg_take(m, size, sizeof(double));
-    m->solution = (double *)sbi_mg_take(m, size, sizeof(double));
+    m->factor = (double *)sbi_owned_take(&m->owned, size, size * sizeof(double));
+    m->pivot = (double *)sbi_owned_take(&m->owned, size, sizeof(double));
+    m->solution = (double *)sbi_owned_take(&m->owned, size, sizeof(double));
     return m->factor && m->pivot && m->solution;
 }
 
@@ -33269,10 +33336,10 @@ static int sbi_island_take(sbi_multigrid *m, const sbi_island_maker *maker)
     size_t rows = (size_t)level->row_count, total = 0;
     for (int k = 0; k < maker->run_count; k++)
         total += (size_t)maker->runs[k].count;
-    islands->rows = (int *)sbi_mg_take(m, total, sizeof(int));
-    islands->exact = (sb_real *)sbi_mg_take(m, total, 3 * sizeof(sb_real));
-    islands->side = (unsigned char *)sbi_mg_take(m, rows, 1);
-    islands->motion = sbi_mg_take_floats(m, rows, 4);
+    islands->rows = (int *)sbi_owned_take(&m->owned, total, sizeof(int));
+    islands->exact = (sb_real *)sbi_owned_take(&m->owned, total, 3 * sizeof(sb_real));
+    islands->side = (unsigned char *)sbi_owned_take(&m->owned, rows, 1);
+    islands->motion = sbi_owned_take_floats(&m->owned, rows, 4);
     if (!islands->rows || !islands->exact || !islands->side || !islands->motion)
         return 0;
     sbi_island_deal(maker, islands, level->row_count);
@@ -33293,9 +33360,9 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
     int made = 0;
     if (m->regions.count == 0)
         return 1;
-    maker.list = (int *)sbi_alloc(&m->allocator, rows, 3 * sizeof(int));
-    maker.runs = (sbi_island_run *)sbi_alloc(&m->allocator, rows, sizeof *maker.runs);
-    maker.mark = (unsigned char *)sbi_alloc(&m->allocator, rows, 1);
+    maker.list = (int *)sbi_alloc(&m->owned.allocator, rows, 3 * sizeof(int));
+    maker.runs = (sbi_island_run *)sbi_alloc(&m->owned.allocator, rows, sizeof *maker.runs);
+    maker.mark = (unsigned char *)sbi_alloc(&m->owned.allocator, rows, 1);
     if (maker.list && maker.runs && maker.mark) {
         maker.place = maker.list + rows;
         maker.group = maker.place + rows;
@@ -33303,9 +33370,9 @@ SBI_API int sbi_mg_take_islands(sbi_multigrid *m)
         sbi_island_find(m->levels, most, &maker);
         made = maker.run_count == 0 || sbi_island_take(m, &maker);
     }
-    sbi_free(&m->allocator, maker.list);
-    sbi_free(&m->allocator, maker.runs);
-    sbi_free(&m->allocator, maker.mark);
+    sbi_free(&m->owned.allocator, maker.list);
+    sbi_free(&m->owned.allocator, maker.runs);
+    sbi_free(&m->owned.allocator, maker.mark);
     return made;
 }
 
@@ -33502,46 +33569,17 @@ enum {
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-SBI_API void *sbi_mg_take(sbi_multigrid *m, size_t count, size_t size)
-{
-    size_t bytes = 128; /* alignment, and room to read past the end */
-    void *raw;
-    if (m->array_count == SBI_MG_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
-        return NULL;
-    raw = sbi_alloc(&m->allocator, bytes, 1);
-    if (!raw)
-        return NULL;
-    m->arrays[m->array_count++] = raw;
-    m->bytes += bytes;
-    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
-}
-
-static int *sbi_mg_take_ints(sbi_multigrid *m, size_t count) { return (int *)sbi_mg_take(m, count, sizeof(int)); }
-
-/* Zeroed, so that what is read past either end is a number. */
-SBI_API float *sbi_mg_take_floats(sbi_multigrid *m, size_t count, size_t width)
-{
-    float *floats = NULL;
-    if (count <= ((size_t)-1 / sizeof(float) - 32) / width)
-        floats = (float *)sbi_mg_take(m, count * width + 16, sizeof(float));
-    if (!floats)
-        return NULL;
-    memset(floats, 0, (count * width + 32) * sizeof(float));
-    return floats + 16;
-}
-
 SBI_API void sbi_multigrid_free(sbi_multigrid *multigrid)
 {
     sb_allocator allocator;
     if (!multigrid)
         return;
-    allocator = multigrid->allocator;
+    allocator = multigrid->owned.allocator;
     sbi_mg_regions_free(&allocator, &multigrid->regions);
     sbi_mg_free_islands(&multigrid->islands);
     sb_direct_free(multigrid->direct);
     sb_matrix_free(&multigrid->coarsest);
-    for (int k = 0; k < multigrid->array_count; k++)
-        sbi_free(&allocator, multigrid->arrays[k]);
+    sbi_owned_free(&multigrid->owned);
     sbi_free(&allocator, multigrid);
 }
 
@@ -33552,7 +33590,7 @@ SBI_API void sbi_multigrid_set_poisson(sbi_multigrid *multigrid, double poisson)
 
 SBI_API int sbi_multigrid_couples_parts(const sbi_multigrid *multigrid) { return multigrid->couples_parts; }
 SBI_API int sbi_multigrid_levels(const sbi_multigrid *multigrid) { return multigrid->level_count; }
-SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->bytes; }
+SBI_API size_t sbi_multigrid_bytes(const sbi_multigrid *multigrid) { return multigrid->owned.bytes; }
 
 /* ---- one level ----------------------------------------------------------------------------------------- */
 
@@ -33561,15 +33599,15 @@ static int sbi_mg_take_finest(sbi_multigrid *m, sbi_mg_level *level)
 {
     size_t rows = (size_t)level->row_count, blocks = (size_t)level->block_count;
     if (m->regions.count > 0) {
-        level->mend = sbi_mg_take_floats(m, rows, 12);
+        level->mend = sbi_owned_take_floats(&m->owned, rows, 12);
         return level->mend != NULL;
     }
 #if SB_REAL_IS_FLOAT
     (void)blocks;
     return 1;
 #else
-    level->rest = (uint16_t *)sbi_mg_take(m, blocks, 9 * sizeof(uint16_t));
-    m->spread = (double *)sbi_mg_take(m, rows, 4 * sizeof(double));
+    level->rest = (uint16_t *)sbi_owned_take(&m->owned, blocks, 9 * sizeof(uint16_t));
+    m->spread = (double *)sbi_owned_take(&m->owned, rows, 4 * sizeof(double));
     return level->rest && m->spread;
 #endif
 }
@@ -33580,17 +33618,17 @@ static int sbi_mg_take_values(sbi_multigrid *m, sbi_mg_level *level)
     size_t rows = (size_t)level->row_count;
     int finest = level == m->levels, packed = finest || (m->regions.count == 0 && level->block_count >= SBI_MG_PACKED);
     if (packed) {
-        level->packed = (int16_t *)sbi_mg_take(m, (size_t)level->block_count, 9 * sizeof(int16_t));
-        level->scale = sbi_mg_take_floats(m, rows, 4);
+        level->packed = (int16_t *)sbi_owned_take(&m->owned, (size_t)level->block_count, 9 * sizeof(int16_t));
+        level->scale = sbi_owned_take_floats(&m->owned, rows, 4);
     }
     if (!finest)
-        level->blocks = sbi_mg_take_floats(m, (size_t)level->block_count, 9);
-    level->inverse = sbi_mg_take_floats(m, rows, 12);
-    level->x = sbi_mg_take_floats(m, rows, 4);
-    level->r = sbi_mg_take_floats(m, rows, 4);
-    level->d = sbi_mg_take_floats(m, rows, 4);
-    level->e = sbi_mg_take_floats(m, rows, 4);
-    level->partial = (double *)sbi_mg_take(m, rows / SBI_MG_ROWS + 1, sizeof(double));
+        level->blocks = sbi_owned_take_floats(&m->owned, (size_t)level->block_count, 9);
+    level->inverse = sbi_owned_take_floats(&m->owned, rows, 12);
+    level->x = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->r = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->d = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->e = sbi_owned_take_floats(&m->owned, rows, 4);
+    level->partial = (double *)sbi_owned_take(&m->owned, rows / SBI_MG_ROWS + 1, sizeof(double));
     if ((packed && (!level->packed || !level->scale)) || (!finest && !level->blocks) ||
         (finest && !sbi_mg_take_finest(m, level)))
         return 0;
@@ -33603,9 +33641,9 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
     int end = 0;
     level->row_count = pattern->row_count;
     level->block_count = (int)blocks;
-    level->row_start = sbi_mg_take_ints(m, rows + 1);
-    level->columns = sbi_mg_take_ints(m, blocks);
-    level->diagonal = sbi_mg_take_ints(m, rows);
+    level->row_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->columns = sbi_owned_take_ints(&m->owned, blocks);
+    level->diagonal = sbi_owned_take_ints(&m->owned, rows);
     if (!level->row_start || !level->columns || !level->diagonal)
         return 0;
     level->row_start[0] = 0;
@@ -33623,12 +33661,12 @@ static int sbi_mg_copy_pattern(sbi_multigrid *m, const sb_matrix *pattern, sbi_m
 static int sbi_mg_take_parents(sbi_multigrid *m, const sbi_mg_rows *rows, sbi_mg_level *level)
 {
     size_t n = (size_t)level->row_count, coarse = (size_t)rows->coarse_count, entries = (size_t)rows->start[n];
-    level->parent_start = sbi_mg_take_ints(m, n + 1);
-    level->parents = sbi_mg_take_ints(m, entries);
-    level->shares = sbi_mg_take_floats(m, entries, 1);
-    level->child_start = sbi_mg_take_ints(m, coarse + 2);
-    level->children = sbi_mg_take_ints(m, entries);
-    level->child_shares = sbi_mg_take_floats(m, entries, 1);
+    level->parent_start = sbi_owned_take_ints(&m->owned, n + 1);
+    level->parents = sbi_owned_take_ints(&m->owned, entries);
+    level->shares = sbi_owned_take_floats(&m->owned, entries, 1);
+    level->child_start = sbi_owned_take_ints(&m->owned, coarse + 2);
+    level->children = sbi_owned_take_ints(&m->owned, entries);
+    level->child_shares = sbi_owned_take_floats(&m->owned, entries, 1);
     if (!level->parent_start || !level->parents || !level->shares || !level->child_start || !level->children ||
         !level->child_shares)
         return 0;
@@ -33705,10 +33743,10 @@ static int sbi_mg_plan_mixed(sbi_multigrid *m, sbi_mg_planner *planner, sbi_mg_l
     size_t rows = (size_t)level->row_count, mixed = sbi_mg_walk_mixed(planner, level, NULL);
     if (mixed == (size_t)-1)
         return 0;
-    level->mixed_start = sbi_mg_take_ints(m, rows + 1);
-    level->slot_start = sbi_mg_take_ints(m, rows + 1);
-    level->slots = sbi_mg_take_ints(m, sbi_mg_count_slots(level));
-    level->mixed = sbi_mg_take_floats(m, mixed, 9);
+    level->mixed_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->slot_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    level->slots = sbi_owned_take_ints(&m->owned, sbi_mg_count_slots(level));
+    level->mixed = sbi_owned_take_floats(&m->owned, mixed, 9);
     planner->mixed_columns = (int *)sbi_alloc(planner->allocator, mixed, sizeof(int));
     if (!level->mixed_start || !level->slot_start || !level->slots || !level->mixed || !planner->mixed_columns)
         return 0;
@@ -33755,8 +33793,8 @@ static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, c
 {
     size_t rows = (size_t)planner->coarse_count, blocks;
     coarse->row_count = planner->coarse_count;
-    coarse->row_start = sbi_mg_take_ints(m, rows + 1);
-    coarse->diagonal = sbi_mg_take_ints(m, rows);
+    coarse->row_start = sbi_owned_take_ints(&m->owned, rows + 1);
+    coarse->diagonal = sbi_owned_take_ints(&m->owned, rows);
     if (!coarse->row_start || !coarse->diagonal)
         return 0;
     coarse->row_start[0] = 0;
@@ -33764,7 +33802,7 @@ static int sbi_mg_plan_coarse(sbi_multigrid *m, const sbi_mg_planner *planner, c
     if (blocks > INT_MAX)
         return 0;
     coarse->block_count = (int)blocks;
-    coarse->columns = sbi_mg_take_ints(m, blocks);
+    coarse->columns = sbi_owned_take_ints(&m->owned, blocks);
     if (!coarse->columns)
         return 0;
     for (size_t a = 0; a < rows; a++)
@@ -33817,8 +33855,8 @@ static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level 
 static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
                             const sbi_mg_level *coarse)
 {
-    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_mg_take(m, blocks + 2, sizeof(size_t)), total;
-    fine->twins = sbi_mg_take_ints(m, blocks);
+    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
+    fine->twins = sbi_owned_take_ints(&m->owned, blocks);
     if (!start || !fine->twins)
         return 0;
     memset(start, 0, (blocks + 2) * sizeof *start);
@@ -33827,8 +33865,8 @@ static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi
         start[q] += start[q - 1];
     total = start[blocks + 1];
     fine->sum_start = start;
-    fine->sum_blocks = sbi_mg_take_ints(m, total + SBI_MG_BLOCKS_AHEAD);
-    fine->sum_shares = sbi_mg_take_floats(m, total, 1);
+    fine->sum_blocks = sbi_owned_take_ints(&m->owned, total + SBI_MG_BLOCKS_AHEAD);
+    fine->sum_shares = sbi_owned_take_floats(&m->owned, total, 1);
     if (!fine->sum_blocks || !fine->sum_shares)
         return 0;
     memset(fine->sum_blocks + total, 0, SBI_MG_BLOCKS_AHEAD * sizeof(int));
@@ -33843,14 +33881,14 @@ static int sbi_mg_add_level(sbi_multigrid *m, const sbi_mg_rows *rows)
     sbi_mg_level *fine = m->levels + m->level_count - 1, *coarse = fine + 1;
     sbi_mg_planner planner;
     int made;
-    planner.allocator = &m->allocator;
+    planner.allocator = &m->owned.allocator;
     planner.coarse_count = rows->coarse_count;
     planner.mixed_columns = NULL;
-    planner.place = (int *)sbi_alloc(&m->allocator, (size_t)rows->coarse_count, sizeof(int));
+    planner.place = (int *)sbi_alloc(&m->owned.allocator, (size_t)rows->coarse_count, sizeof(int));
     made = planner.place && sbi_mg_take_parents(m, rows, fine) && sbi_mg_plan_mixed(m, &planner, fine) &&
            sbi_mg_plan_coarse(m, &planner, fine, coarse) && sbi_mg_plan_sums(m, &planner, fine, coarse);
-    sbi_free(&m->allocator, planner.place);
-    sbi_free(&m->allocator, planner.mixed_columns);
+    sbi_free(&m->owned.allocator, planner.place);
+    sbi_free(&m->owned.allocator, planner.mixed_columns);
     m->level_count += made;
     return made;
 }
@@ -33956,10 +33994,10 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
 {
     int made = 1;
     if (setup->like && setup->like->regions.row_count == pattern->row_count)
-        made = sbi_mg_copy_regions(&setup->like->regions, &m->allocator, &m->regions);
+        made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
     else if (!setup->like && setup->moduli && setup->level_count == 0)
-        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->allocator, &m->regions);
-    m->bytes += (size_t)m->regions.row_count * sizeof(int) +
+        made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
+    m->owned.bytes += (size_t)m->regions.row_count * sizeof(int) +
                 (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
 }
@@ -33976,19 +34014,19 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->allocator,
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->owned.allocator,
                                     labels) &&
-               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->allocator, rows);
+               sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->owned.allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
-        sbi_mg_rows_free(&m->allocator, rows);
+        sbi_mg_rows_free(&m->owned.allocator, rows);
         if (count <= 2 * m->small)
             return 1;
         nodes.labels = NULL;
     }
-    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->allocator, rows);
+    made = sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_RATIO, &m->owned.allocator, rows);
     if (made && rows->coarse_count > count / 2)
-        sbi_mg_rows_free(&m->allocator, rows);
+        sbi_mg_rows_free(&m->owned.allocator, rows);
     return made;
 }
 
@@ -34004,9 +34042,9 @@ static sb_result sbi_mg_make_rows(const sbi_multigrid *m, const sbi_multigrid_se
         sb_result result = sbi_mg_check_level(setup->levels + own, own, level->row_count, error);
         if (result != SB_OK)
             return result;
-        made = sbi_mg_copy_level(setup->levels + own, &m->allocator, rows);
+        made = sbi_mg_copy_level(setup->levels + own, &m->owned.allocator, rows);
     } else if (setup->like && own + 1 < setup->like->level_count && setup->like->levels[own + 1].positions) {
-        made = sbi_mg_copy_used(setup->like->levels + own, &m->allocator, rows);
+        made = sbi_mg_copy_used(setup->like->levels + own, &m->owned.allocator, rows);
     } else {
         if (own > 0 && level->row_count <= m->small)
             return SB_OK;
@@ -34023,7 +34061,7 @@ static int sbi_mg_keep_positions(sbi_multigrid *m, const sbi_multigrid_setup *se
     if (index > setup->level_count &&
         !(setup->like && index < setup->like->level_count && setup->like->levels[index].positions))
         return 1;
-    level->positions = (sb_vec3 *)sbi_mg_take(m, (size_t)level->row_count, sizeof(sb_vec3));
+    level->positions = (sb_vec3 *)sbi_owned_take(&m->owned, (size_t)level->row_count, sizeof(sb_vec3));
     if (level->positions)
         memcpy(level->positions, rows->positions, (size_t)level->row_count * sizeof(sb_vec3));
     return level->positions != NULL;
@@ -34036,7 +34074,7 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     sb_result result = SB_OK;
     memset(&last, 0, sizeof last);
     if (m->regions.count) {
-        last.labels = (int *)sbi_alloc(&m->allocator, (size_t)m->regions.row_count, sizeof(int));
+        last.labels = (int *)sbi_alloc(&m->owned.allocator, (size_t)m->regions.row_count, sizeof(int));
         if (!last.labels)
             return sbi_mg_no_memory(m, error);
         memcpy(last.labels, m->regions.of, (size_t)m->regions.row_count * sizeof(int));
@@ -34050,12 +34088,12 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
             continue;
         if (!rows.start)
             break;
-        sbi_mg_rows_free(&m->allocator, &last);
+        sbi_mg_rows_free(&m->owned.allocator, &last);
         last = rows;
         if (!sbi_mg_add_level(m, &rows) || !sbi_mg_keep_positions(m, setup, &rows))
             result = sbi_mg_no_memory(m, error);
     }
-    sbi_mg_rows_free(&m->allocator, &last);
+    sbi_mg_rows_free(&m->owned.allocator, &last);
     return result;
 }
 
@@ -34084,14 +34122,14 @@ static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
         most += (size_t)m->levels[l].row_count;
     if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
         return 1;
-    part_of = (int *)sbi_alloc(&m->allocator, 2 * most, sizeof(int));
+    part_of = (int *)sbi_alloc(&m->owned.allocator, 2 * most, sizeof(int));
     for (int c = 0; part_of && c < pattern->part_count; c++)
         for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
             part_of[pattern->part_rows[k]] = c;
     for (int l = 0; part_of && l + 1 < m->level_count && m->levels[l + 1].positions && !m->couples_parts; l++)
         m->couples_parts = !sbi_mg_lower_parts(m->levels + l, m->levels[l + 1].row_count, part_of, part_of + most);
     made = part_of != NULL;
-    sbi_free(&m->allocator, part_of);
+    sbi_free(&m->owned.allocator, part_of);
     return made;
 }
 
@@ -34121,9 +34159,9 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
     if (!m)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a multigrid");
     if (allocator)
-        m->allocator = *allocator;
+        m->owned.allocator = *allocator;
     m->jobs = setup->jobs;
-    m->bytes = sizeof *m;
+    m->owned.bytes = sizeof *m;
     m->level_count = 1;
     m->levels[0].row_count = pattern->row_count;
     m->wide = setup->like && setup->like->wide;
@@ -35468,7 +35506,6 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 
 
 enum {
-    SBI_PRECOND_MAX_ARRAYS = 48,
     SBI_PRECOND_MAX_ATTEMPTS = 18,
     SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
                                  * factor of any positive definite one exists */
@@ -35511,7 +35548,6 @@ typedef struct sbi_precond_coarse {
 } sbi_precond_coarse;
 
 struct sb_preconditioner {
-    sb_allocator allocator;
     sb_jobs jobs;
     sb_precond_kind kind;
     int power;
@@ -35564,9 +35600,7 @@ struct sb_preconditioner {
     float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
     unsigned char *fixed; /* [row_count] masks of prescribed components */
     sbi_precond_coarse coarse;
-    size_t bytes;
-    int array_count;
-    void *arrays[SBI_PRECOND_MAX_ARRAYS];
+    sbi_owned owned;      /* its arrays; bytes: of everything */
 };
 
 /* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
@@ -35599,11 +35633,6 @@ SBI_FORCE_INLINE sbi_float4 sbi_precond_enter(const sb_preconditioner *p, const 
             SBI_F4(v, k) = 0;
     return sbi_f4_rows(v, p->turns + 12 * i);
 }
-
-/* An array of the object on a cache line boundary; NULL when there is no memory. */
-SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size);
-SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count);
-SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width);
 
 /* The power of two that brings `size` near 1: to 0.5 at least, below 1. */
 SBI_API double sbi_precond_power(double size);
@@ -35666,41 +35695,16 @@ SBI_API void sbi_precond_project(const sbi_precond_job *job, sb_real *to);
 
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
-SBI_API void *sbi_precond_take(sb_preconditioner *p, size_t count, size_t size)
-{
-    size_t bytes = 64;
-    void *raw;
-    if (p->array_count == SBI_PRECOND_MAX_ARRAYS || !sbi_size_add(&bytes, count, size))
-        return NULL;
-    raw = sbi_alloc(&p->allocator, bytes, 1);
-    if (!raw)
-        return NULL;
-    p->arrays[p->array_count++] = raw;
-    p->bytes += bytes;
-    return (char *)raw + (64 - (uintptr_t)raw % 64) % 64;
-}
-
-SBI_API int *sbi_precond_take_ints(sb_preconditioner *p, size_t count)
-{
-    return (int *)sbi_precond_take(p, count, sizeof(int));
-}
-
-SBI_API float *sbi_precond_take_floats(sb_preconditioner *p, size_t count, size_t width)
-{
-    return (float *)sbi_precond_take(p, count, width * sizeof(float));
-}
-
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner)
 {
     sb_allocator allocator;
     if (!preconditioner)
         return;
-    allocator = preconditioner->allocator;
+    allocator = preconditioner->owned.allocator;
     sb_direct_free(preconditioner->direct);
     sbi_multigrid_free(preconditioner->multigrid);
     sbi_fsai_free(&allocator, &preconditioner->fsai);
-    for (int k = 0; k < preconditioner->array_count; k++)
-        sbi_free(&allocator, preconditioner->arrays[k]);
+    sbi_owned_free(&preconditioner->owned);
     sbi_free(&allocator, preconditioner);
 }
 
@@ -36046,12 +36050,12 @@ static sb_result sbi_precond_make_direct(sb_preconditioner *p, const sb_precondi
     sb_direct_def settings = sb_default_direct_def();
     sb_result result;
     settings.positions = def->positions;
-    p->exact = (sb_real *)sbi_precond_take(p, (size_t)a->row_count, 3 * sizeof(sb_real));
+    p->exact = (sb_real *)sbi_owned_take(&p->owned, (size_t)a->row_count, 3 * sizeof(sb_real));
     if (!p->exact)
         return SB_ERROR_MEMORY;
-    result = sb_direct_create(&settings, a, &p->allocator, &p->direct, NULL);
+    result = sb_direct_create(&settings, a, &p->owned.allocator, &p->direct, NULL);
     if (result == SB_OK)
-        p->bytes += sb_direct_get_info(p->direct).bytes;
+        p->owned.bytes += sb_direct_get_info(p->direct).bytes;
     return result;
 }
 
@@ -36061,12 +36065,12 @@ static sb_result sbi_precond_make_kind(sb_preconditioner *p, const sb_preconditi
 {
     sb_result result = SB_OK;
     if (p->kind == SB_PRECOND_FSAI) {
-        result = sbi_fsai_create(a, def->power, &p->allocator, &p->fsai);
-        p->bytes += p->fsai.bytes;
+        result = sbi_fsai_create(a, def->power, &p->owned.allocator, &p->fsai);
+        p->owned.bytes += p->fsai.bytes;
     } else if (p->kind == SB_PRECOND_CHOLESKY) {
         result = sbi_precond_make_direct(p, def, a);
     } else {
-        p->inverse = sbi_precond_take_floats(p, (size_t)sbi_matrix_row_capacity(a), 12);
+        p->inverse = sbi_owned_take_floats(&p->owned, (size_t)sbi_matrix_row_capacity(a), 12);
         if (!p->inverse)
             result = SB_ERROR_MEMORY;
     }
@@ -36093,8 +36097,8 @@ static int sbi_precond_take_following(sb_preconditioner *p, const sb_matrix *a)
     p->longest_room = 2 * a->live->longest + SBI_LIVE_PIECE;
     if (p->row_room > INT_MAX / 16 || p->block_room > INT_MAX / 2)
         return 0;
-    p->scratch = sbi_precond_take_ints(p, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
-    p->centres = (sb_vec3 *)sbi_precond_take(p, (size_t)p->row_room, sizeof(sb_vec3));
+    p->scratch = sbi_owned_take_ints(&p->owned, 8 * (size_t)p->row_room + (size_t)p->block_room + 1);
+    p->centres = (sb_vec3 *)sbi_owned_take(&p->owned, (size_t)p->row_room, sizeof(sb_vec3));
     return p->scratch && p->centres;
 }
 
@@ -36118,11 +36122,11 @@ static sb_result sbi_precond_make_smoother(sb_preconditioner *p, const sb_precon
     size_t rows = (size_t)sbi_matrix_row_capacity(a);
     int pieces = sbi_precond_pieces(p, a->row_count);
     sb_result result = SB_OK;
-    p->middle = sbi_precond_take_floats(p, rows, 4);
-    p->result = sbi_precond_take_floats(p, rows, 4);
-    p->turns = sbi_precond_take_floats(p, rows, 12);
-    p->held = sbi_precond_take_floats(p, rows, 4);
-    p->fixed = (unsigned char *)sbi_precond_take(p, rows, 1);
+    p->middle = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->result = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->turns = sbi_owned_take_floats(&p->owned, rows, 12);
+    p->held = sbi_owned_take_floats(&p->owned, rows, 4);
+    p->fixed = (unsigned char *)sbi_owned_take(&p->owned, rows, 1);
     if (!p->middle || !p->result || !p->turns || !p->held || !p->fixed || !sbi_precond_take_following(p, a))
         result = SB_ERROR_MEMORY;
     if (result == SB_OK)
@@ -36145,10 +36149,10 @@ static sb_result sbi_precond_make_multigrid(sb_preconditioner *p, const sb_preco
     setup.level_count = def->level_count;
     setup.like = like ? like->multigrid : NULL;
     setup.jobs = def->jobs;
-    result = sbi_multigrid_create(&setup, pattern, &p->allocator, &p->multigrid, error);
+    result = sbi_multigrid_create(&setup, pattern, &p->owned.allocator, &p->multigrid, error);
     if (result != SB_OK)
         return result;
-    p->bytes += sbi_multigrid_bytes(p->multigrid);
+    p->owned.bytes += sbi_multigrid_bytes(p->multigrid);
     if (!like)
         sbi_multigrid_set_poisson(p->multigrid, (double)def->poisson);
     return SB_OK;
@@ -36189,10 +36193,10 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
     if (!p)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a preconditioner");
     if (allocator)
-        p->allocator = *allocator;
+        p->owned.allocator = *allocator;
     p->jobs = def->jobs;
     p->power = def->power;
-    p->bytes = sizeof *p;
+    p->owned.bytes = sizeof *p;
     p->kind = sbi_precond_resolve(def, pattern);
     p->rest = def->positions;
     p->wanted_pieces = def->piece_count;
@@ -36505,7 +36509,7 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
     info.attempts = preconditioner->attempts;
     info.shift = preconditioner->shift;
     info.level_count = preconditioner->multigrid ? sbi_multigrid_levels(preconditioner->multigrid) : 0;
-    info.bytes = preconditioner->bytes;
+    info.bytes = preconditioner->owned.bytes;
     return info;
 }
 
@@ -36616,13 +36620,13 @@ static int sbi_precond_take_pairs(sb_preconditioner *p, size_t lower, size_t tot
 {
     size_t longest = (size_t)(p->row_room ? p->longest_room : p->longest);
     p->pair_room = (p->row_room ? total + total / 2 : total) + 1;
-    p->pair_start = (size_t *)sbi_precond_take(p, lower + 1, sizeof(size_t));
-    p->pairs = (int *)sbi_precond_take(p, p->pair_room, 2 * sizeof(int));
-    p->row = sbi_precond_take_floats(p, 2 * longest, 12);
+    p->pair_start = (size_t *)sbi_owned_take(&p->owned, lower + 1, sizeof(size_t));
+    p->pairs = (int *)sbi_owned_take(&p->owned, p->pair_room, 2 * sizeof(int));
+    p->row = sbi_owned_take_floats(&p->owned, 2 * longest, 12);
     if (p->row_room) {
-        p->place = sbi_precond_take_ints(p, (size_t)p->row_room);
-        p->in_row = sbi_precond_take_ints(p, 2 * (size_t)p->row_room);
-        p->found = sbi_precond_take_ints(p, 4 * longest);
+        p->place = sbi_owned_take_ints(&p->owned, (size_t)p->row_room);
+        p->in_row = sbi_owned_take_ints(&p->owned, 2 * (size_t)p->row_room);
+        p->found = sbi_owned_take_ints(&p->owned, 4 * longest);
         if (!p->place || !p->in_row || !p->found)
             return 0;
     }
@@ -36663,16 +36667,16 @@ SBI_API int sbi_precond_make_lower(sb_preconditioner *p, const sb_matrix *a, int
 {
     size_t rows = (size_t)(p->row_room ? p->row_room : p->row_count);
     size_t lower = (size_t)(p->row_room ? p->block_room / 2 : p->lower_count);
-    int *place = (int *)sbi_alloc(&p->allocator, rows, 2 * sizeof(int)), made;
-    p->order = sbi_precond_take_ints(p, rows);
-    p->start = sbi_precond_take_ints(p, rows + 1);
-    p->columns = sbi_precond_take_ints(p, lower);
-    p->source = sbi_precond_take_ints(p, lower);
-    p->lower = sbi_precond_take_floats(p, lower, 12);
+    int *place = (int *)sbi_alloc(&p->owned.allocator, rows, 2 * sizeof(int)), made;
+    p->order = sbi_owned_take_ints(&p->owned, rows);
+    p->start = sbi_owned_take_ints(&p->owned, rows + 1);
+    p->columns = sbi_owned_take_ints(&p->owned, lower);
+    p->source = sbi_owned_take_ints(&p->owned, lower);
+    p->lower = sbi_owned_take_floats(&p->owned, lower, 12);
     made = place && p->order && p->start && p->columns && p->source && p->lower;
     if (made)
         made = sbi_precond_fill_lower(p, a, halved, place, lower, 1);
-    sbi_free(&p->allocator, place);
+    sbi_free(&p->owned.allocator, place);
     return made;
 }
 
@@ -37285,10 +37289,10 @@ static void sbi_precond_list_blocks(sbi_precond_coarse *c, const sb_matrix *a, i
 static int sbi_precond_take_entries(sb_preconditioner *p, size_t entries, size_t blocks)
 {
     sbi_precond_coarse *c = &p->coarse;
-    c->entry_node = sbi_precond_take_ints(p, entries);
-    c->entry_start = sbi_precond_take_ints(p, entries + 2);
-    c->entry_blocks = sbi_precond_take_ints(p, blocks);
-    c->coupling = sbi_precond_take_floats(p, entries, 24);
+    c->entry_node = sbi_owned_take_ints(&p->owned, entries);
+    c->entry_start = sbi_owned_take_ints(&p->owned, entries + 2);
+    c->entry_blocks = sbi_owned_take_ints(&p->owned, blocks);
+    c->coupling = sbi_owned_take_floats(&p->owned, entries, 24);
     return c->entry_node && c->entry_start && c->entry_blocks && c->coupling;
 }
 
@@ -37296,7 +37300,7 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count, blocks = (size_t)a->block_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
+    int *scratch = (int *)sbi_alloc(&p->owned.allocator, rows + blocks, sizeof(int)), *entry_of, entries, made;
     if (!scratch)
         return 0;
     entry_of = scratch + rows;
@@ -37306,7 +37310,7 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
         sbi_precond_list_entries(c, a, scratch, entry_of);
         sbi_precond_list_blocks(c, a, entries, entry_of);
     }
-    sbi_free(&p->allocator, scratch);
+    sbi_free(&p->owned.allocator, scratch);
     return made;
 }
 
@@ -37353,17 +37357,17 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    int *scratch = (int *)sbi_alloc(&p->allocator, 6 * rows + 1, sizeof(int));
-    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->allocator, rows, sizeof(sb_vec3));
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
+    int *scratch = (int *)sbi_alloc(&p->owned.allocator, 6 * rows + 1, sizeof(int));
+    sb_vec3 *centres = (sb_vec3 *)sbi_alloc(&p->owned.allocator, rows, sizeof(sb_vec3));
+    c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_of = sbi_owned_take_ints(&p->owned, rows);
     if (c->piece_nodes && c->piece_of && scratch && centres)
         c->piece_count = sbi_precond_make_pieces(a, positions, pieces, scratch, centres, c->piece_nodes, c->piece_of);
-    sbi_free(&p->allocator, scratch);
-    sbi_free(&p->allocator, centres);
+    sbi_free(&p->owned.allocator, scratch);
+    sbi_free(&p->owned.allocator, centres);
     if (c->piece_count == 0 || c->piece_count > INT_MAX / 6)
         return 0;
-    c->piece_start = sbi_precond_take_ints(p, (size_t)c->piece_count + 1);
+    c->piece_start = sbi_owned_take_ints(&p->owned, (size_t)c->piece_count + 1);
     if (c->piece_start)
         sbi_precond_start_pieces(c, a->row_count);
     return c->piece_start != NULL;
@@ -37373,15 +37377,15 @@ static int sbi_precond_find_pieces(sb_preconditioner *p, const sb_matrix *a, con
 static int sbi_precond_take_motions(sb_preconditioner *p, size_t rows, size_t pieces)
 {
     sbi_precond_coarse *c = &p->coarse;
-    c->piece_entry = sbi_precond_take_ints(p, pieces + 1);
-    c->reach = sbi_precond_take_ints(p, pieces);
-    c->row_at = (size_t *)sbi_precond_take(p, pieces, sizeof(size_t));
-    c->arms = sbi_precond_take_floats(p, rows, 4);
-    c->free = sbi_precond_take_floats(p, rows, 4);
-    c->places = (sb_real *)sbi_precond_take(p, rows, 4 * sizeof(sb_real));
-    c->inverse = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
-    c->solution = (double *)sbi_precond_take(p, 6 * pieces, sizeof(double));
-    c->positions = (sb_vec3 *)sbi_precond_take(p, rows, sizeof(sb_vec3));
+    c->piece_entry = sbi_owned_take_ints(&p->owned, pieces + 1);
+    c->reach = sbi_owned_take_ints(&p->owned, pieces);
+    c->row_at = (size_t *)sbi_owned_take(&p->owned, pieces, sizeof(size_t));
+    c->arms = sbi_owned_take_floats(&p->owned, rows, 4);
+    c->free = sbi_owned_take_floats(&p->owned, rows, 4);
+    c->places = (sb_real *)sbi_owned_take(&p->owned, rows, 4 * sizeof(sb_real));
+    c->inverse = (double *)sbi_owned_take(&p->owned, 6 * pieces, sizeof(double));
+    c->solution = (double *)sbi_owned_take(&p->owned, 6 * pieces, sizeof(double));
+    c->positions = (sb_vec3 *)sbi_owned_take(&p->owned, rows, sizeof(sb_vec3));
     return c->piece_entry && c->reach && c->row_at && c->arms && c->free && c->places && c->inverse && c->solution &&
            c->positions;
 }
@@ -37397,7 +37401,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
     if (!sbi_precond_make_entries(p, a))
         return 0;
     sbi_precond_make_reach(c);
-    c->matrix = (double *)sbi_precond_take(p, sbi_precond_line_rows(c), sizeof(double));
+    c->matrix = (double *)sbi_owned_take(&p->owned, sbi_precond_line_rows(c), sizeof(double));
     return c->matrix != NULL;
 }
 
@@ -37412,10 +37416,10 @@ SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)p->row_room, most = (size_t)sbi_precond_most_pieces(pieces), blocks = (size_t)p->block_room;
     c->piece_room = (int)most;
-    c->piece_nodes = sbi_precond_take_ints(p, rows);
-    c->piece_of = sbi_precond_take_ints(p, rows);
-    c->piece_start = sbi_precond_take_ints(p, most + 1);
-    c->matrix = (double *)sbi_precond_take(p, 18 * most * (most + 1), sizeof(double));
+    c->piece_nodes = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_of = sbi_owned_take_ints(&p->owned, rows);
+    c->piece_start = sbi_owned_take_ints(&p->owned, most + 1);
+    c->matrix = (double *)sbi_owned_take(&p->owned, 18 * most * (most + 1), sizeof(double));
     return c->piece_nodes && c->piece_of && c->piece_start && c->matrix && sbi_precond_take_motions(p, rows, most) &&
            sbi_precond_take_entries(p, blocks, blocks);
 }
@@ -39926,6 +39930,10 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
+            if (!(domain->weights[at] > 0)) /* the product of small numbers */
+                return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                        "element %d is too small: nothing is left of its volume at integration point %d",
+                                        e, p);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -40207,14 +40215,14 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4])
+SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
     sbi_element element = sbi_domain_element(domain);
     sb_real gradients[12];
     sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
     sbi_element_shape(element, points[0], NULL, local);
-    return sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) > 0;
+    return share * (sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) * weights[0]) > 0;
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -41865,6 +41873,11 @@ SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb
  * sbi_assembly_begin_step(to, 0). */
 SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
 
+/* ---- assembly_turn ---- */
+
+/* Mean deformation gradient of a cell with q points; the identity where it has no weight. */
+SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q);
+
 /* Gives a cell that is knotted at u one rotation for all its ordinary points; returns 1 then, else 0. f and rotation:
  * [points_per_cell] deformation gradients and what they turn by. */
 SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
@@ -41876,6 +41889,8 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
  * a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where moments are
  * large. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness);
+
+/* ---- assembly: readings ---- */
 
 /* F and P at all points of a cell at u; f and p: [points_per_cell], a mean point with its share of
  * the stress last. admissible[point] is 0 where the material does not admit F. */
@@ -42009,6 +42024,97 @@ SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 #endif
 
 #endif /* SB_ASSEMBLY_LIVE_H */
+
+/* ==== src/softbody/fem/assembly_turn.c ==== */
+/* assembly_turn: the rotation that all points of a corotated cell share, and what comes with it. */
+
+SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q)
+{
+    sb_mat3 sum = sb_m3_zero();
+    sb_real volume = 0;
+    for (int p = 0; p < q; p++) {
+        volume += weights[p];
+        sum = sb_m3_add(sum, sb_m3_scale(weights[p], f[p]));
+    }
+    return volume > 0 ? sb_m3_scale(1 / volume, sum) : sb_m3_identity();
+}
+
+/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does, so
+ * that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
+ * df = [w]x f + dV R gives (tr(V) I - V) w = axial(df R^T - R df^T); hence dW = ([n]x R) : df with
+ * (tr(V) I - V) n = m. The eigenvalues of that matrix are sums of two principal stretches, 2 at rest; where they come
+ * near 0 the cell is about to be inside out and R to jump. There, and where the points have turned so far against each
+ * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised steps
+ * of violent motion would not be stable. */
+SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness)
+{
+    const sb_real least = (sb_real)0.1, most = (sb_real)0.2; /* product of the eigenvalues; |n|/stiffness */
+    sb_mat3 v = sb_m3_mult(f, r), g, cofactor, n = sb_m3_zero();
+    sb_real trace = sb_m3_trace(v), det, excess;
+    sb_vec3 turn;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            g.m[i][j] = (i == j ? trace : (sb_real)0) - (sb_real)0.5 * (v.m[i][j] + v.m[j][i]);
+    cofactor = sb_m3_cofactor(g);
+    det = sb_v3_dot(sb_m3_column(g, 0), sb_m3_column(cofactor, 0));
+    turn = sb_v3_scale(1 / (stiffness * sb_max(det, least)), sb_m3_apply(cofactor, moment));
+    excess = sb_max(sb_v3_dot(turn, turn) / (most * most), 1);
+    turn = sb_v3_scale(stiffness / (excess * excess), turn);
+    n.m[0][1] = -turn.z, n.m[1][0] = turn.z;
+    n.m[2][0] = -turn.y, n.m[0][2] = turn.y;
+    n.m[1][2] = -turn.x, n.m[2][1] = turn.x;
+    return sb_m3_mul(n, r);
+}
+
+/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. */
+static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
+{
+    const sb_real cos_half_angle = (sb_real)0.5;
+    for (int i = 1; i < q; i++)
+        for (int j = 0; j < i; j++)
+            if (sb_abs(sb_quat_dot(rotation[i], rotation[j])) < cos_half_angle)
+                return 1;
+    return 0;
+}
+
+/* 1 when the element map is inside out at a node, where no integration point sees it. */
+static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_element element = sbi_domain_element(domain);
+    int n = domain->nodes_per_cell;
+    const int *cell = domain->cells + (size_t)e * (size_t)n;
+    for (int k = 0; k < n; k++) {
+        sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
+        sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        sbi_element_node_point(element, k, xi);
+        sbi_element_shape(element, xi, NULL, gradient);
+        for (int a = 0; a < n; a++) {
+            sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
+            for (int j = 0; j < 3; j++)
+                column[j] = sb_v3_madd(column[j], gradient[a][j], x);
+        }
+        if (sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) <= 0) /* NaN where a custom element has no slope */
+            return 1;
+    }
+    return 0;
+}
+
+/* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
+ * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
+SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                sb_quat *rotation)
+{
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, ordinary = q - domain->mean_point;
+    sb_quat shared;
+    if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
+        return 0;
+    shared = sb_m3_polar(sbi_assembly_mean_gradient(f, domain->weights + (size_t)e * (size_t)q, ordinary), rotation[0]);
+    for (int p = 0; p < q; p++)
+        rotation[p] = shared;
+    return 1;
+}
 
 /* ==== src/softbody/fem/assembly_batch.c ==== */
 /* assembly_batch: corotated tet4 and tet10, SB_POLAR_LANES cells at a time. */
@@ -43152,95 +43258,6 @@ SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, cons
         f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
 }
 
-/* Mean deformation gradient of a cell; the identity where it has no weight. */
-static sb_mat3 sbi_cell_mean_gradient(const sb_mat3 *f, const sb_real *weights, int q)
-{
-    sb_mat3 sum = sb_m3_zero();
-    sb_real volume = 0;
-    for (int p = 0; p < q; p++) {
-        volume += weights[p];
-        sum = sb_m3_add(sum, sb_m3_scale(weights[p], f[p]));
-    }
-    return volume > 0 ? sb_m3_scale(1 / volume, sum) : sb_m3_identity();
-}
-
-/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does, so
- * that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
- * df = [w]x f + dV R gives (tr(V) I - V) w = axial(df R^T - R df^T); hence dW = ([n]x R) : df with
- * (tr(V) I - V) n = m. The eigenvalues of that matrix are sums of two principal stretches, 2 at rest; where they come
- * near 0 the cell is about to be inside out and R to jump. There, and where the points have turned so far against each
- * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised steps
- * of violent motion would not be stable. */
-SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness)
-{
-    const sb_real least = (sb_real)0.1, most = (sb_real)0.2; /* product of the eigenvalues; |n|/stiffness */
-    sb_mat3 v = sb_m3_mult(f, r), g, cofactor, n = sb_m3_zero();
-    sb_real trace = sb_m3_trace(v), det, excess;
-    sb_vec3 turn;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            g.m[i][j] = (i == j ? trace : (sb_real)0) - (sb_real)0.5 * (v.m[i][j] + v.m[j][i]);
-    cofactor = sb_m3_cofactor(g);
-    det = sb_v3_dot(sb_m3_column(g, 0), sb_m3_column(cofactor, 0));
-    turn = sb_v3_scale(1 / (stiffness * sb_max(det, least)), sb_m3_apply(cofactor, moment));
-    excess = sb_max(sb_v3_dot(turn, turn) / (most * most), 1);
-    turn = sb_v3_scale(stiffness / (excess * excess), turn);
-    n.m[0][1] = -turn.z, n.m[1][0] = turn.z;
-    n.m[2][0] = -turn.y, n.m[0][2] = turn.y;
-    n.m[1][2] = -turn.x, n.m[2][1] = turn.x;
-    return sb_m3_mul(n, r);
-}
-
-/* 1 when the rotations of a cell's points differ by more than 120 degrees somewhere. */
-static int sbi_cell_is_twisted(const sb_quat *rotation, int q)
-{
-    const sb_real cos_half_angle = (sb_real)0.5;
-    for (int i = 1; i < q; i++)
-        for (int j = 0; j < i; j++)
-            if (sb_abs(sb_quat_dot(rotation[i], rotation[j])) < cos_half_angle)
-                return 1;
-    return 0;
-}
-
-/* 1 when the element map is inside out at a node, where no integration point sees it. */
-static int sbi_cell_is_folded(const sbi_assembly *assembly, int e, const sb_vec3 *u)
-{
-    const sb_domain *domain = assembly->domain;
-    sbi_element element = sbi_domain_element(domain);
-    int n = domain->nodes_per_cell;
-    const int *cell = domain->cells + (size_t)e * (size_t)n;
-    for (int k = 0; k < n; k++) {
-        sb_real xi[3] = {0, 0, 0}, gradient[SB_MAX_ELEMENT_NODES][3];
-        sb_vec3 column[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
-        sbi_element_node_point(element, k, xi);
-        sbi_element_shape(element, xi, NULL, gradient);
-        for (int a = 0; a < n; a++) {
-            sb_vec3 x = sb_v3_add(assembly->reference[cell[a]], u[cell[a]]);
-            for (int j = 0; j < 3; j++)
-                column[j] = sb_v3_madd(column[j], gradient[a][j], x);
-        }
-        if (sb_v3_dot(column[0], sb_v3_cross(column[1], column[2])) <= 0) /* NaN where a custom element has no slope */
-            return 1;
-    }
-    return 0;
-}
-
-/* A knot is a state into which violence drives quadratic elements: folded where no point sees it, the points so far
- * turned against each other that their forces balance. One rotation has one rest shape, so the cell comes undone. */
-SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
-                                sb_quat *rotation)
-{
-    const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, ordinary = q - domain->mean_point;
-    sb_quat shared;
-    if (!sbi_cell_is_twisted(rotation, ordinary) || !sbi_cell_is_folded(assembly, e, u))
-        return 0;
-    shared = sb_m3_polar(sbi_cell_mean_gradient(f, domain->weights + (size_t)e * (size_t)q, ordinary), rotation[0]);
-    for (int p = 0; p < q; p++)
-        rotation[p] = shared;
-    return 1;
-}
-
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
  * because the cell is knotted. */
 static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, int q, int scheme,
@@ -43251,7 +43268,7 @@ static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
         return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    rotation[0] = sb_m3_polar(sbi_cell_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
+    rotation[0] = sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
     for (int p = 1; p < q; p++)
         rotation[p] = rotation[0];
     return 1;
@@ -43416,7 +43433,7 @@ static void sbi_cell_add_turning_stress(const sbi_assembly *assembly, int e, con
     if (!(volume > 0))
         return;
     moment = sb_v3(sum.m[1][2] - sum.m[2][1], sum.m[2][0] - sum.m[0][2], sum.m[0][1] - sum.m[1][0]);
-    s = sbi_assembly_turning_stress(sb_quat_to_mat3(rotation), sbi_cell_mean_gradient(f, weights, q), moment,
+    s = sbi_assembly_turning_stress(sb_quat_to_mat3(rotation), sbi_assembly_mean_gradient(f, weights, q), moment,
                                     volume * sbi_cell_shares(assembly, e)->mu);
     for (int p = 0; p < q; p++)
         stress[p] = sb_m3_add(stress[p], sb_m3_scale(1 / volume, s));
@@ -47602,6 +47619,38 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body)
 }
 SB_API int sb_body_matrix_blocks(const sb_body *body) { return body ? sbi_matrix_used_blocks(&body->matrix) : 0; }
 
+SBI_API double sbi_body_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
+
+/* ---- the mesh ---- */
+
+SB_API int sb_body_node_in_use(const sb_body *body, int node)
+{
+    if (!body || node < 0 || node >= body->domain.node_count)
+        return 0;
+    return !body->live || body->live->nodes.used[node];
+}
+
+SB_API int sb_body_cell_in_use(const sb_body *body, int cell)
+{
+    return body && cell >= 0 && cell < body->domain.cell_count && sbi_live_has_cell(body, cell);
+}
+
+SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell)
+{
+    return sb_body_cell_in_use(body, cell) ? body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell
+                                           : NULL;
+}
+
+SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
+{
+    if (!sb_body_cell_in_use(body, cell))
+        return 0;
+    return body->live ? body->live->shares[cell] : 1;
+}
+
+SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
+SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
+
 /* ---- motion ---- */
 
 SB_API const sb_vec3 *sb_body_positions(const sb_body *body) { return body ? body->position : NULL; }
@@ -50017,12 +50066,12 @@ static sb_vec3 sbi_live_place(const sbi_live_following *work, int node)
     return mark < 0 ? change->moved_nodes.items[-1 - mark].position : work->body->reference[node];
 }
 
-static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes)
+static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *nodes, sb_real share)
 {
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x);
+    return sbi_domain_is_upright(&work->body->domain, x, share);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -50035,10 +50084,11 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
         for (int a = 0; a < 4; a++)
             good &= sbi_slots_is_used(&work->change->nodes, n[a]);
         good &= n[0] != n[1] && n[0] != n[2] && n[0] != n[3] && n[1] != n[2] && n[1] != n[3] && n[2] != n[3];
-        good = good && sbi_live_cell_is_upright(work, n);
+        good = good && sbi_live_cell_is_upright(work, n, out->made_shares[k]);
     }
     for (int k = 0; k < out->reshaped_cell_count && good; k++)
-        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k]);
+        good = sbi_live_cell_is_upright(work, work->body->domain.cells + 4 * (size_t)out->reshaped_cells[k],
+                                        out->reshaped_shares[k]);
     return good;
 }
 
@@ -50361,34 +50411,6 @@ SBI_API void sbi_live_destroy(sb_body *body)
 }
 
 /* ---- readings ---- */
-
-SB_API int sb_body_node_in_use(const sb_body *body, int node)
-{
-    if (!body || node < 0 || node >= body->domain.node_count)
-        return 0;
-    return !body->live || body->live->nodes.used[node];
-}
-
-SB_API int sb_body_cell_in_use(const sb_body *body, int cell)
-{
-    return body && cell >= 0 && cell < body->domain.cell_count && sbi_live_has_cell(body, cell);
-}
-
-SB_API const int *sb_body_cell_nodes(const sb_body *body, int cell)
-{
-    return sb_body_cell_in_use(body, cell) ? body->domain.cells + (size_t)cell * (size_t)body->domain.nodes_per_cell
-                                           : NULL;
-}
-
-SB_API sb_real sb_body_cell_share(const sb_body *body, int cell)
-{
-    if (!sb_body_cell_in_use(body, cell))
-        return 0;
-    return body->live ? body->live->shares[cell] : 1;
-}
-
-SB_API const sb_vec3 *sb_body_rest_positions(const sb_body *body) { return body ? body->reference : NULL; }
-SB_API int sb_body_mesh_version(const sb_body *body) { return body && body->live ? body->live->version : 0; }
 
 SB_API sb_result sb_body_get_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, int *nodes,
                                   int *cells, sb_error *error)
@@ -58190,7 +58212,6 @@ SBI_API sb_result sbi_explicit_run(sb_body *body, sb_real dt, int caution, sb_st
 
 
 /* ---- step_residual.c ---- */
-SBI_API double sbi_step_now(const sb_body *body);
 /* v and a at the present displacement. */
 SBI_API sb_vec3 sbi_step_velocity(const sbi_step *step, int i);
 SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i);
@@ -58512,8 +58533,6 @@ SBI_API void sbi_step_undo_guests(sbi_step *step)
 
 /* ---- small vector loops ---- */
 
-SBI_API double sbi_step_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
-
 /* Axes that a norm counts: all; the free ones; the supported ones and those of slaves. */
 typedef enum sbi_step_axes { SBI_STEP_ALL, SBI_STEP_FREE, SBI_STEP_HELD } sbi_step_axes;
 
@@ -58568,13 +58587,13 @@ SBI_API sb_vec3 sbi_step_acceleration(const sbi_step *step, int i)
 SBI_API sb_result sbi_step_force(sbi_step *step)
 {
     sb_body *b = step->body;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     int bad = -1;
     if (!b->force_current) {
         bad = sbi_assembly_force(&b->assembly, b->displacement, b->internal);
         b->force_current = bad < 0;
     }
-    step->info->seconds_force += sbi_step_now(b) - begin;
+    step->info->seconds_force += sbi_body_now(b) - begin;
     if (bad >= 0)
         return sbi_fail_element(&step->info->error, SB_ERROR_INVERTED, bad,
                                 "element %d is inside out, which its material does not allow", bad);
@@ -58604,7 +58623,7 @@ static sb_matrix sbi_step_damping_matrix(const sb_body *b)
 SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
 {
     sb_body *b = step->body;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, kind, sbi_step_stiffness_factor(step), &b->matrix);
     if (step->dynamic || step->hold > 0)
         sbi_body_add_mass(b, sbi_step_mass_factor(step));
@@ -58616,7 +58635,7 @@ SBI_API void sbi_step_tangent(sbi_step *step, sb_tangent_kind kind)
     }
     if (b->load_count)
         sbi_loads_add_tangent(b, b->displacement, kind, step->loads_factor, &b->matrix);
-    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->info->seconds_tangent += sbi_body_now(b) - begin;
 }
 
 /* Keeps the stiffness at the start of the step for D. Were it to follow the iterations, the step would have no
@@ -58628,10 +58647,10 @@ SBI_API sb_result sbi_step_keep_damping(sbi_step *step)
     sb_result result = sbi_step_force(step);
     if (result != SB_OK)
         return result;
-    begin = sbi_step_now(b);
+    begin = sbi_body_now(b);
     sbi_assembly_tangent(&b->assembly, b->displacement, SB_TANGENT_SPD, 1, &b->matrix);
     memcpy(b->damping_blocks, b->matrix.blocks, (size_t)b->matrix.block_count * sizeof b->matrix.blocks[0]);
-    step->info->seconds_tangent += sbi_step_now(b) - begin;
+    step->info->seconds_tangent += sbi_body_now(b) - begin;
     step->lagged_damping = 1;
     return SB_OK;
 }
@@ -58967,7 +58986,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     sbi_elimination *e = b->elimination;
     sb_matrix *matrix = e ? &e->matrix : &b->matrix;
     sb_result result;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     step->opens_gaps = 0;
     sbi_step_predict(step);
     for (int i = 0; i < b->domain.node_count; i++)
@@ -58980,7 +58999,7 @@ SBI_API sb_result sbi_step_make_system(sbi_step *step)
     result = sbi_step_begin_guests(step, matrix);
     if (result == SB_OK)
         result = sbi_body_update_precond(b, e ? e->precond : b->precond, matrix, &step->guests, &step->info->error);
-    step->info->seconds_precond += sbi_step_now(b) - begin;
+    step->info->seconds_precond += sbi_body_now(b) - begin;
     return result;
 }
 
@@ -58992,13 +59011,13 @@ SBI_API sb_result sbi_step_solve_system(sbi_step *step)
     sb_pcg_info pcg = {0, 0, 0, 0, 0};
     sbi_elimination *e = b->elimination;
     sb_result result;
-    double begin = sbi_step_now(b);
+    double begin = sbi_body_now(b);
     options.tolerance = (double)sbi_step_linear_tolerance(step);
     options.max_iterations = step->max_iterations;
     options.jobs = &b->jobs;
     result = sbi_pcg_solve_guests(e ? &e->matrix : &b->matrix, e ? e->precond : b->precond, &b->rhs[0].x,
                                   &b->increment[0].x, &step->guests, &options, &b->pcg, &pcg);
-    info->seconds_solve += sbi_step_now(b) - begin;
+    info->seconds_solve += sbi_body_now(b) - begin;
     info->pcg_iterations += pcg.iterations;
     info->newton_iterations++;
     if (step->linearised)
@@ -59641,7 +59660,7 @@ static sb_result sbi_step_open(sb_body *body, sb_real dt, sb_step_info *info, sb
     sbi_step_begin_info(step->info);
     if (!body || !(dt > 0) || !sb_is_finite(dt))
         return sbi_fail(&step->info->error, SB_ERROR_ARGUMENT, "a step needs a body and dt > 0, not %g", (double)dt);
-    step->begun = sbi_step_now(body);
+    step->begun = sbi_body_now(body);
     sbi_step_set_up(step, body, dt, step->info);
     sbi_step_save(body);
     sbi_step_watch_knots(body, step->linearised);
@@ -59683,7 +59702,7 @@ static sb_result sbi_step_close(sbi_step *step, sb_result result)
 {
     sb_step_info *info = step->info;
     info->load_factor = result == SB_OK ? (sb_real)1 : (sb_real)0;
-    info->seconds_total = sbi_step_now(step->body) - step->begun;
+    info->seconds_total = sbi_body_now(step->body) - step->begun;
     sbi_body_tell(step->body, SBI_COMMAND_STEP, (int)result, 0, NULL, 0, &step->dt, 1);
     return sbi_step_report(info, result);
 }
@@ -59927,7 +59946,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     result = sbi_static_check(body, options, &info->error);
     if (result != SB_OK)
         return result;
-    begin = sbi_step_now(body);
+    begin = sbi_body_now(body);
     duration = options->instantaneous ? 0 : (sb_real)INFINITY;
     memset(&step, 0, sizeof step);
     step.body = body;
@@ -59950,7 +59969,7 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
     }
     if (result == SB_OK)
         sbi_step_forget_error(info); /* of attempts with longer increments */
-    info->seconds_total = sbi_step_now(body) - begin;
+    info->seconds_total = sbi_body_now(body) - begin;
     sbi_static_tell(body, options, result);
     return sbi_step_report(info, result);
 }
@@ -60020,7 +60039,6 @@ SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_er
 
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body) { return &body->jobs; }
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body) { return &body->allocator; }
-SBI_API double sbi_body_now(const sb_body *body) { return sbi_step_now(body); }
 SBI_API int sbi_body_is_implicit(const sb_body *body) { return body->integrator != SB_CENTRAL_DIFFERENCE; }
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error)
 {
