@@ -7,9 +7,9 @@
 #   make install    PREFIX=/usr/local, DESTDIR=
 #   make test-float, test-cpp, test-openmp           make clean
 #   make test-golden                                 the same bits from each compiler and optimisation
-#   make test-traps                                  the tests where an invalid operation or a division by 0 is a signal
 #   make test-tsan                                   the tests of threads under the thread sanitizer
-#   make test-stack                                  all tests in double, with 128 kB of stack each
+#   make test-host                                   all tests in double as in a strict host: 128 kB of stack each, and invalid
+#                                                    operations, divisions by 0 and overflows are signals
 #   make test-programs                               examples, README, fuzz corpus
 #   make verification                                writes tests/verification.md from the tests named verification_...
 #   make sanitize   the tests under ASan and UBSan   make cross      MinGW-w64 and wasm32, run under wine and node
@@ -22,7 +22,7 @@
 # Variables: CC, CXX, CFLAGS; FILTER="dense mesh/volume" picks tests by suite or start of suite/test.
 CC = cc
 CXX = c++
-CFLAGS = -O2 -g
+CFLAGS = -O2
 PREFIX = /usr/local
 FILTER =
 GCC = gcc
@@ -50,7 +50,7 @@ FUZZERS = tests/fuzz/fuzz.c
 
 .SUFFIXES:
 .DELETE_ON_ERROR:
-.PHONY: tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-traps test-tsan test-stack verification sanitize cross bench race \
+.PHONY: tested all examples demo headers dev test check test-float test-cpp test-openmp test-golden test-programs test-tsan test-host verification sanitize cross bench race \
 	benches lint fuzz test-corpus soak coverage format install clean FORCE
 
 all: examples
@@ -164,7 +164,6 @@ $(eval $(call suite,double,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS)))
 $(eval $(call suite,float,$(CC) $(CFLAGS),-std=c99 $(C_WARNINGS) -DSB_REAL=float,,,$(FLOAT_TESTS)))
 $(eval $(call suite,cpp,$(CXX) $(OTHER_CFLAGS),-std=c++11 $(WARNINGS) -x c++,,,$(call some,$(PORTABLE))))
 $(eval $(call suite,openmp,$(CC) $(OTHER_CFLAGS) -fopenmp,-std=c99 $(C_WARNINGS) -DSB_USE_OPENMP,,,$(call some,$(THREADED))))
-$(eval $(call suite,traps,$(CC) $(OTHER_CFLAGS) -g,-std=c99 $(C_WARNINGS) -DCHECK_TRAPS,,,$(filter-out $(LONG) tests/test_hostile.c,$(TESTS))))
 $(eval $(call suite,tsan,$(CC) $(OTHER_CFLAGS) -g -fsanitize=thread,-std=c99 $(C_WARNINGS) -DCHECK_THREADS,-lpthread,,$(call some,$(TSAN_SUITES))))
 $(eval $(call suite,sanitize,$(CC) $(SANITIZE_CFLAGS) $(SANITIZERS),-std=c99 $(C_WARNINGS),,,$(filter-out $(LONG),$(TESTS))))
 $(eval $(call suite,mingw,$(MINGW) $(OTHER_CFLAGS),-std=c99 $(C_WARNINGS),-static,.exe,$(call some,$(PORTABLE))))
@@ -205,23 +204,21 @@ test-cpp: build/cpp/tests
 	build/cpp/tests $(QUICK)
 test-openmp: build/openmp/tests
 	build/openmp/tests $(or $(FILTER),$(SLOW))
-# Without the suite `hostile`: comparing the NaN that it hands over is an invalid operation itself.
-test-traps: build/traps/tests
-	build/traps/tests $(QUICK)
 test-tsan: build/tsan/tests
 	CHECK_QUICK=1 TSAN_OPTIONS=halt_on_error=1 build/tsan/tests $(or $(FILTER),$(TSAN_FILTER))
 
-# The tests in double, and what runs each of them on a stack of its own.
+# The tests in double, and what runs each of them as a strict host would: on a stack of its own, where an operation that is
+# invalid, divides by 0 or overflows is a signal.
 STACK = 131072
-build/stack/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
+build/host/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -Ibuild/double $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -DCHECK_STACK=$(STACK) -c $< -o $@
-build/stack/tests: build/stack/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
+	$(CC) $(CFLAGS) -Ibuild/double $(TEST_INCLUDES) -std=c99 $(C_WARNINGS) -DCHECK_STACK=$(STACK) -DCHECK_TRAPS -c $< -o $@
+build/host/tests: build/host/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c=build/double/%.o))
 	$(CC) $(CFLAGS) $^ -lm -lpthread -o $@
-# Tests whose own variables take 80 kB and more.
-LARGE = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -output/a -output/devices -picture/png
-test-stack: build/stack/tests build/double/tests
-	tests/total.sh "build/stack/tests $(or $(FILTER),$(LARGE))" $(if $(FILTER),,"build/double/tests $(LARGE:-%=%)")
+# Tests whose own variables take 80 kB and more, and a suite that compares the NaN that it hands over.
+LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -output/a -output/devices -picture/png -hostile
+test-host: build/host/tests build/double/tests
+	tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
 sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
@@ -346,7 +343,7 @@ CAN_FUZZ = $(shell echo 'int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOne
 
 build/fuzz/plain: $(FUZZ_PARTS) build/flags
 	@mkdir -p $(@D) build/fuzz_case
-	$(CC) -std=c99 -O1 -g $(C_WARNINGS) $(INCLUDES) $(FUZZERS) -lm -o $@
+	$(CC) -std=c99 -O1 $(C_WARNINGS) $(INCLUDES) $(FUZZERS) -lm -o $@
 build/fuzz/libfuzzer: $(FUZZ_PARTS)
 	@mkdir -p $(@D) build/fuzz_case
 	$(CLANG) -std=c99 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined -DFUZZ_LIBFUZZER \

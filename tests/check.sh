@@ -1,6 +1,6 @@
 #!/bin/bash
 # All that must hold before a change goes in: what CI runs (make check). CHECK_ALL=1 adds what takes as long again: every lint
-# and golden combination, C++ at run time, traps, violent loops under the sanitizers, other systems. Two steps
+# and golden combination, C++ at run time, violent loops under the sanitizers, other systems. Two steps
 # at a time, each of which keeps one core busy. Tools that only serve other systems may be missing and are then reported as skips.
 # Ends with one line `N passed, N failed, N skipped`.
 #
@@ -34,13 +34,13 @@ single "the generated files are those that src/ gives" "$make headers
         echo '    git add *.h src/*/names.h'
         false
     fi"
-single "the tests and examples build" "$make -j$(nproc) tested build/stack/tests"
+single "the tests and examples build" "$make -j$(nproc) tested build/host/tests"
 first=("${lane[@]}")
 
 lane=()
 counted "tests under the address and undefined-behaviour sanitizers" "$make sanitize"
 counted "warnings, split build, order of calls, linkage" "$make lint $(few "LINTS='gcc-float clangxx-double'")"
-counted "tests in double, each with 128 kB of stack" "$make test-stack"
+counted "tests in double, each with 128 kB of stack and bad operations as signals" "$make test-host"
 counted "examples, README, fuzz corpus" "$make test-programs"
 counted "tests in float" "CHECK_QUICK=1 $make test-float FILTER='\$(SLOW)'"
 counted "fuzz targets" "$make fuzz FUZZ_SECONDS=1"
@@ -51,7 +51,6 @@ counted "tests of threads under the thread sanitizer" "$make test-tsan"
 counted "random sessions on every element" "$make soak SOAK_SECONDS=5"
 if [ -n "${CHECK_ALL:-}" ]; then
     counted "sanitizers over the suites of violent loops" "$make sanitize FILTER='step integrators stuffing schemes viscoelastic load bbar'"
-    counted "tests where invalid operations are signals" "CHECK_QUICK=1 $make test-traps"
     counted "tests as C++11" "CHECK_QUICK=1 $make test-cpp"
     counted "many random cases" "CHECK_SLOW=1 $make test FILTER=anything"
     counted "other systems: MinGW under wine, wasm32 under node" "CHECK_QUICK=1 $make cross"

@@ -5,10 +5,10 @@
  *
  * With CHECK_TIMES in the environment each test prints the processor's seconds that it took.
  *
- * With CHECK_TRAPS (make test-traps) an operation that overflows, is invalid or divides by zero ends its test as failed, as
+ * With CHECK_TRAPS (make test-host) an operation that overflows, is invalid or divides by zero ends its test as failed, as
  * in a host that unmasks these exceptions; the addresses printed are for addr2line.
  *
- * With CHECK_STACK (make test-stack) each test runs in a thread of its own, whose stack is painted first, and fails when it
+ * With CHECK_STACK (make test-host) each test runs in a thread of its own, whose stack is painted first, and fails when it
  * has used more than CHECK_STACK bytes, its own variables included.
  *
  * suites.h is written by the Makefile: one line SUITE(name) for each CHECK_SUITE in tests/test_*.c. */
@@ -84,7 +84,7 @@ static void trapped(int signal_number, siginfo_t *info, void *context)
     siglongjmp(after_trap, 1);
 }
 
-static void run_body(const check_case *test)
+static void run_here(const check_case *test)
 {
     struct sigaction action;
     memset(&action, 0, sizeof action);
@@ -100,16 +100,19 @@ static void run_body(const check_case *test)
     fedisableexcept(FE_ALL_EXCEPT);
     feclearexcept(FE_ALL_EXCEPT);
 }
-#elif defined(CHECK_STACK)
+#else
+void check_bad_numbers(void) {}
+static void run_here(const check_case *test) { test->run(); }
+#endif
+
+#if defined(CHECK_STACK)
 #include <pthread.h>
 
 enum { STACK_ROOM = 1 << 20, STACK_PAINT = 0xA5, STACK_OVERHEAD = 8192 /* what libc keeps at the top of it, at most */ };
 
-void check_bad_numbers(void) {}
-
 static void *run_on_stack(void *test)
 {
-    ((const check_case *)test)->run();
+    run_here((const check_case *)test);
     return NULL;
 }
 
@@ -137,8 +140,7 @@ static void run_body(const check_case *test)
         printf("    %d bytes of stack\n", (int)(STACK_ROOM - unused));
 }
 #else
-void check_bad_numbers(void) {}
-static void run_body(const check_case *test) { test->run(); }
+static void run_body(const check_case *test) { run_here(test); }
 #endif
 
 static void run_test(const check_suite *suite, const check_case *test, totals *sum)

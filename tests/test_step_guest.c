@@ -1078,6 +1078,7 @@ static void test_undo(void)
 {
     const sb_result results[BREAKS] = {SB_ERROR_STATE, SB_ERROR_STATE, SB_ERROR_DIVERGED, SB_ERROR_INDEFINITE,
                                        SB_ERROR_DIVERGED};
+    check_bad_numbers();
     for (int how = 0; how < BREAKS; how++)
         for (int i = 0; i < 3; i++)
             for (int iterated = how == BREAK_LATER; iterated < 2; iterated++) {
