@@ -37723,20 +37723,31 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
+/* One row of the blocks at a time: what it sums stays in registers. */
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    memset(sum, 0, 4 * sizeof *sum);
-    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
-        const sb_real *block = a->blocks[c->entry_blocks[s]];
-        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        for (int r = 0; r < 3; r++)
-            for (int k = 0; k < 3; k++) {
-                sb_real value = block[3 * r + k];
-                sum[0][4 * r + k] += value;
-                sum[1][4 * r + k] += value * arm[0];
-                sum[2][4 * r + k] += value * arm[1];
-                sum[3][4 * r + k] += value * arm[2];
-            }
+    int begin = c->entry_start[e], end = c->entry_start[e + 1];
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
+    for (int s = begin; s < end; s++) {
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
+        SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
+        SBI_PREFETCH(a->blocks[later], 64);
+    }
+    for (int r = 0; r < 3; r++) {
+        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+        for (int s = begin; s < end; s++) {
+            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
+            p = sb_v3_add(p, value);
+            x = sb_v3_madd(x, arm[0], value);
+            y = sb_v3_madd(y, arm[1], value);
+            z = sb_v3_madd(z, arm[2], value);
+        }
+        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
+        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
     }
 }
 #endif
@@ -37991,21 +38002,28 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
-/* to -= A Z solution. Pieces share nodes, so that this is one thread's; it reads what one task of the restriction does. */
+/* to -= A Z solution, which is rounded as all else that the smoother gets. Pieces share nodes, so that this is one
+ * thread's; it reads what one task of the restriction does. */
 static void sbi_precond_subtract_coupling(const sbi_precond_job *job, sb_real *to)
 {
     const sbi_precond_coarse *c = &job->p->coarse;
-    double back = 1 / job->scale;
+    const float *rows = c->coupling;
+    sb_real back = (sb_real)(1 / job->scale);
     for (int piece = 0; piece < c->piece_count; piece++) {
         const double *s = c->solution + 6 * piece;
-        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
-            const float *rows = c->coupling + 24 * (size_t)e;
+        sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
+        sbi_float4 turn = sbi_f4_make((float)s[3], (float)s[4], (float)s[5]);
+        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++, rows += 24) {
             sb_real *out = to + 3 * (size_t)c->entry_node[e];
-            for (int r = 0; r < 3; r++, rows += 4) {
-                double shift = (double)rows[0] * s[0] + (double)rows[1] * s[1] + (double)rows[2] * s[2];
-                double turn = (double)rows[12] * s[3] + (double)rows[13] * s[4] + (double)rows[14] * s[5];
-                out[r] -= (sb_real)((shift + turn) * back);
-            }
+            sbi_float4 x = sbi_f4_mul(sbi_f4_load(rows), shift), y = sbi_f4_mul(sbi_f4_load(rows + 4), shift);
+            sbi_float4 z = sbi_f4_mul(sbi_f4_load(rows + 8), shift), sum;
+            x = sbi_f4_add(x, sbi_f4_mul(sbi_f4_load(rows + 12), turn));
+            y = sbi_f4_add(y, sbi_f4_mul(sbi_f4_load(rows + 16), turn));
+            z = sbi_f4_add(z, sbi_f4_mul(sbi_f4_load(rows + 20), turn));
+            sum = sbi_f4_sums(x, y, z);
+            out[0] -= (sb_real)SBI_F4(sum, 0) * back;
+            out[1] -= (sb_real)SBI_F4(sum, 1) * back;
+            out[2] -= (sb_real)SBI_F4(sum, 2) * back;
         }
     }
 }
@@ -42572,6 +42590,23 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
+/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them would
+ * otherwise read and write memory for each product. */
+
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
+                                           const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
+                                           sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int a = 0; a + 3 <= n - 1; a += 3, d += 9, g += 9)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
+            f[0][l] = f[0][l] + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
+            f[1][l] = f[1][l] + d0 * g[1][l] + d1 * g[4][l] + d2 * g[7][l];
+            f[2][l] = f[2][l] + d0 * g[2][l] + d1 * g[5][l] + d2 * g[8][l];
+        }
+}
+
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
@@ -42580,11 +42615,8 @@ SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_PO
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
             f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                for (int l = 0; l < SB_POLAR_LANES; l++)
-                    f[3 * i + j][l] += d[3 * a + i][l] * g[3 * a + j][l];
+    for (int i = 0; i < 3; i++)
+        sbi_batch_deform_row(d, g, n, i, f + 3 * i);
 }
 
 /* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
@@ -42592,15 +42624,21 @@ SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*SB_RESTRICT r)[SB_POLAR_L
                                        const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
                                        sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    sb_real trace[SB_POLAR_LANES];
-    for (int l = 0; l < SB_POLAR_LANES; l++)
-        trace[l] = -3;
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+    sb_real twice[SB_POLAR_LANES], pressure[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real trace = -3;
+        trace = trace + r[0][l] * f[0][l] + r[1][l] * f[1][l] + r[2][l] * f[2][l];
+        trace = trace + r[3][l] * f[3][l] + r[4][l] * f[4][l] + r[5][l] * f[5][l];
+        trace = trace + r[6][l] * f[6][l] + r[7][l] * f[7][l] + r[8][l] * f[8][l];
+        twice[l] = 2 * mu[l];
+        pressure[l] = lambda[l] * trace;
+    }
+    for (int k = 0; k < 9; k += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            f[k][l] = twice[l] * (f[k][l] - r[k][l]) + pressure[l] * r[k][l];
+            f[k + 1][l] = twice[l] * (f[k + 1][l] - r[k + 1][l]) + pressure[l] * r[k + 1][l];
+            f[k + 2][l] = twice[l] * (f[k + 2][l] - r[k + 2][l]) + pressure[l] * r[k + 2][l];
+        }
 }
 
 /* out[3 a + i] += sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to the gradients of nodes a >= 1. */
@@ -42608,13 +42646,16 @@ SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LA
                                       const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int add,
                                       sb_real (*SB_RESTRICT out)[SB_POLAR_LANES])
 {
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real sum = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                              m[3 * i + 2][l] * g[3 * a + 2][l];
-                out[3 * a + i][l] = add ? out[3 * a + i][l] + sum : sum;
-            }
+    for (int a = 0; a < n - 1; a++, g += 3, out += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = m[0][l] * g0 + m[1][l] * g1 + m[2][l] * g2;
+            sb_real y = m[3][l] * g0 + m[4][l] * g1 + m[5][l] * g2;
+            sb_real z = m[6][l] * g0 + m[7][l] * g1 + m[8][l] * g2;
+            out[0][l] = add ? out[0][l] + x : x;
+            out[1][l] = add ? out[1][l] + y : y;
+            out[2][l] = add ? out[2][l] + z : z;
+        }
 }
 
 /* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
@@ -42903,8 +42944,9 @@ SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batc
         sbi_batch_load_quats(assembly, batch, p, q, quats);
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = m.m[k / 3][k % 3];
+        r[0][l] = m.m[0][0], r[1][l] = m.m[0][1], r[2][l] = m.m[0][2];
+        r[3][l] = m.m[1][0], r[4][l] = m.m[1][1], r[5][l] = m.m[1][2];
+        r[6][l] = m.m[2][0], r[7][l] = m.m[2][1], r[8][l] = m.m[2][2];
     }
 }
 
@@ -42971,14 +43013,17 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
         for (int l = 0; l < SB_POLAR_LANES; l++)
             r[k][l] *= scale[l];
     memset(sum, 0, sizeof sum);
-    for (int a = 1; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
-                                 r[3 * i + 2][l] * g[3 * a - 1][l];
-                h[3 * (q * a + p) + i][l] = turned;
-                sum[i][l] -= turned;
-            }
+    for (int a = 1; a < n; a++, g += 3) {
+        sb_real(*to)[SB_POLAR_LANES] = h + 3 * (q * a + p);
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = r[0][l] * g0 + r[1][l] * g1 + r[2][l] * g2;
+            sb_real y = r[3][l] * g0 + r[4][l] * g1 + r[5][l] * g2;
+            sb_real z = r[6][l] * g0 + r[7][l] * g1 + r[8][l] * g2;
+            to[0][l] = x, to[1][l] = y, to[2][l] = z;
+            sum[0][l] -= x, sum[1][l] -= y, sum[2][l] -= z;
+        }
+    }
     memcpy(h + 3 * p, sum, sizeof sum);
 }
 
@@ -43038,14 +43083,45 @@ SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return sb_v3_add(a, b); }
 #endif
 
-/* s = sum over the points of a cell of h_a h_b^T. */
-SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
+/* A block by its rows. By names: compilers that do not unroll keep an array of rows in memory, at twice the time. */
+typedef struct sbi_batch_sum {
+    sbi_batch_row r0, r1, r2;
+} sbi_batch_sum;
+
+/* One point's h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer_point(const sb_real *a, const sb_real *b)
 {
-    for (int i = 0; i < 3; i++)
-        s[i] = sbi_batch_scale(a[i], b);
+    sbi_batch_sum s;
+    s.r0 = sbi_batch_scale(a[0], b);
+    s.r1 = sbi_batch_scale(a[1], b);
+    s.r2 = sbi_batch_scale(a[2], b);
+    return s;
+}
+
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_add_sum(sbi_batch_sum a, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_add(a.r0, b.r0);
+    a.r1 = sbi_batch_add(a.r1, b.r1);
+    a.r2 = sbi_batch_add(a.r2, b.r2);
+    return a;
+}
+
+/* a + factor b */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_madd_sum(sbi_batch_sum a, sb_real factor, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_madd(a.r0, factor, b.r0);
+    a.r1 = sbi_batch_madd(a.r1, factor, b.r1);
+    a.r2 = sbi_batch_madd(a.r2, factor, b.r2);
+    return a;
+}
+
+/* Sum over the points of a cell of h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer(const sb_real *a, const sb_real *b, const int q)
+{
+    sbi_batch_sum s = sbi_batch_outer_point(a, b);
     for (int p = 1; p < q; p++)
-        for (int i = 0; i < 3; i++)
-            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
+        s = sbi_batch_add_sum(s, sbi_batch_outer_point(a + 3 * p, b + 3 * p));
+    return s;
 }
 
 /* What the loops over blocks know when they are compiled. */
@@ -43057,18 +43133,24 @@ typedef struct sbi_batch_kind {
 
 /* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
 SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
-                                         sbi_batch_row *s, sbi_batch_row *l)
+                                         sbi_batch_sum *s, sbi_batch_sum *l)
 {
     size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
     const int q = kind.q;
     const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
-    sbi_batch_row t[3];
-    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-    for (int i = 0; i < 3; i++) {
-        s[i] = sbi_batch_add(s[i], t[i]);
-        if (kind.mixed)
-            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-    }
+    sbi_batch_sum t = sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q);
+    *s = sbi_batch_add_sum(*s, t);
+    if (kind.mixed)
+        *l = sbi_batch_madd_sum(*l, assembly->ratios[e], t);
+}
+
+/* Row i of factor (l + s^T + trace I): of l and of s the i-th row and column, and the trace in its place. */
+SBI_FORCE_INLINE void sbi_batch_block_row(sb_real factor, sbi_batch_row l, sb_real s0, sb_real s1, sb_real s2,
+                                          sb_real t0, sb_real t1, sb_real t2, sb_real *out)
+{
+    out[0] = factor * (SBI_ROW_AT(l, 0) + s0 + t0);
+    out[1] = factor * (SBI_ROW_AT(l, 1) + s1 + t1);
+    out[2] = factor * (SBI_ROW_AT(l, 2) + s2 + t2);
 }
 
 /* The block of an edge. */
@@ -43076,23 +43158,24 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
                                       sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
-    sbi_batch_row s[3], l[3];
+    sbi_batch_sum s, l;
     sb_real trace;
-    for (int i = 0; i < 3; i++)
-        s[i] = l[i] = sbi_batch_scale(0, zeros);
+    s.r0 = s.r1 = s.r2 = sbi_batch_scale(0, zeros);
+    l = s;
     if (kind.live)
         for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
-            sbi_batch_add_pair(assembly, pair, kind, s, l);
+            sbi_batch_add_pair(assembly, pair, kind, &s, &l);
     else
         for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
-            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
-    for (int i = 0; !kind.mixed && i < 3; i++)
-        l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
-    trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            out[3 * i + j] =
-                factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, &s, &l);
+    if (!kind.mixed)
+        l = sbi_batch_madd_sum(l, assembly->ratios[0], s);
+    trace = SBI_ROW_AT(s.r0, 0) + SBI_ROW_AT(s.r1, 1) + SBI_ROW_AT(s.r2, 2);
+    sbi_batch_block_row(factor, l.r0, SBI_ROW_AT(s.r0, 0), SBI_ROW_AT(s.r1, 0), SBI_ROW_AT(s.r2, 0), trace, 0, 0, out);
+    sbi_batch_block_row(factor, l.r1, SBI_ROW_AT(s.r0, 1), SBI_ROW_AT(s.r1, 1), SBI_ROW_AT(s.r2, 1), 0, trace, 0,
+                        out + 3);
+    sbi_batch_block_row(factor, l.r2, SBI_ROW_AT(s.r0, 2), SBI_ROW_AT(s.r1, 2), SBI_ROW_AT(s.r2, 2), 0, 0, trace,
+                        out + 6);
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
@@ -61856,10 +61939,22 @@ static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_
     if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
         !sbi_state_is_little_endian())
         return 0;
-    if (walk->pass == SBI_STATE_WRITE)
+    if (walk->pass == SBI_STATE_WRITE && count)
         memcpy(walk->out + walk->used, array, count * size);
-    if (walk->pass == SBI_STATE_READ)
+    if (walk->pass == SBI_STATE_READ && count)
         memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
+/* In passes over a body: steps past so many bytes at once and says where they are to be written, or *out NULL. 0: they
+ * have to be passed number by number, as above. */
+static int sbi_state_place(sbi_state_walk *walk, size_t count, size_t size, unsigned char **out)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, NULL, 0, 1))
+        return 0;
+    *out = walk->pass == SBI_STATE_WRITE ? walk->out + at : NULL;
     walk->overflow |= !sbi_size_add(&walk->used, count, size);
     return 1;
 }
@@ -62205,9 +62300,12 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
 {
     const sb_matrix *matrix = sbi_state_matrix(body, walk);
     int needed = 0;
+    int count = body->domain.node_count;
     if (walk->pass == SBI_STATE_CHECK)
         walk->fixed = walk->in + walk->used;
-    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, body->fixed, (size_t)count, 1))
+        count = 0;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
         int lonely = body->node_component[i] < 0;
         int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
         if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
@@ -62652,6 +62750,20 @@ static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
     return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
 }
 
+/* All of them in passes over a body; 0: one by one. */
+static int sbi_state_give_quats(sbi_state_walk *walk, const sbi_assembly *assembly, int cells)
+{
+    unsigned char *out;
+    if (!sbi_state_place(walk, (size_t)cells, sizeof(sb_quat), &out))
+        return 0;
+    for (int e = 0; out && e < cells; e++, out += sizeof(sb_quat)) {
+        const sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        memcpy(out, &q, sizeof q);
+    }
+    return 1;
+}
+
 /* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
  * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
 static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
@@ -62666,7 +62778,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
             if (walk->pass == SBI_STATE_READ)
                 *at = q;
         }
-    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells))
+        return;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
         sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
         if (!sbi_state_bulk(walk, &q, 1, sizeof q))
@@ -62773,15 +62887,17 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 /* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
 static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
 {
-    size_t corners = (size_t)n * sizeof(int);
-    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+    size_t corners = (size_t)n * sizeof(int), size = sizeof(sb_real) + sizeof(int) + corners;
+    unsigned char *out;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)) ||
+        !sbi_state_place(walk, (size_t)mesh->cells.end, size, &out))
         return 0;
-    if (walk->pass == SBI_STATE_MEASURE)
-        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
-    for (int e = 0; e < mesh->cells.end; e++) {
-        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
-        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
-        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    for (int e = 0; out && e < mesh->cells.end; e++, out += size) {
+        memcpy(out, mesh->shares + e, sizeof(sb_real));
+        memcpy(out + sizeof(sb_real), mesh->material + e, sizeof(int));
+        for (int k = 0; k < n; k++)
+            memcpy(out + sizeof(sb_real) + (size_t)(k + 1) * sizeof(int), mesh->corners + (size_t)e * (size_t)n + k,
+                   sizeof(int));
     }
     return 1;
 }
