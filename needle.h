@@ -12535,10 +12535,10 @@ static size_t ndli_undo_needle_size(const ndl_needle *needle, int node_count)
            ndli_undo_aligned(ndli_rod_snapshot_size(needle->rod, node_count));
 }
 
-static size_t ndli_undo_size(const struct ndli_site *site)
+/* body: bytes of the body's part. */
+static size_t ndli_undo_size(const struct ndli_site *site, size_t body)
 {
-    size_t sum = ndli_undo_aligned(sbi_body_snapshot_size(site->body)) +
-                 ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
+    size_t sum = ndli_undo_aligned(body) + ndli_undo_aligned(ndli_remesh_snapshot_size(site->remesh));
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (site->needles[i])
             sum += ndli_undo_needle_size(site->needles[i], site->needles[i]->rod->node_count);
@@ -12590,11 +12590,11 @@ static void ndli_undo_copy_needle(ndl_needle *needle, int node_count, unsigned c
 
 NDLI_API int ndli_needle_keep(struct ndli_site *site)
 {
-    size_t needed = ndli_undo_size(site);
+    size_t body = sbi_body_snapshot_size(site->body), needed = ndli_undo_size(site, body);
     unsigned char *at;
     if (needed > site->undo_room && !ndli_undo_make_room(site, needed + needed / 8))
         return 0;
-    site->undo_body = sbi_body_snapshot_size(site->body);
+    site->undo_body = body;
     at = site->undo + ndli_undo_aligned(site->undo_body);
     sbi_body_snapshot(site->body, site->undo);
     ndli_remesh_snapshot(site->remesh, at);

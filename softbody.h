@@ -5775,8 +5775,18 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
+typedef struct sbi_tet_rule {
+    int count;                                   /* points of the mass */
+    sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
+    sb_real slopes[4][3];                        /* local gradients, the same at all points */
+    sb_real volume;                              /* weight of the one point of the stiffness */
+} sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share);
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* The same of cell e, with the error of sbi_domain_fill. */
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -5788,6 +5798,9 @@ SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
  * have had less, else 0. */
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                     sb_real *mass, sb_real *volume_load);
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule);
+/* Lumped masses and int N_a dV (m^3) of a tet4 at x (m): the bits of sbi_element_mass. */
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4]);
 /* The least share of the mass that a node would have, were its cells full up to their stiffness, that lumping leaves it
  * with where cells have masses of their own. */
 #define SBI_LEAST_MASS ((sb_real)0.5)
@@ -28466,6 +28479,13 @@ typedef struct sbi_live_key {
     int uses;
 } sbi_live_key;
 
+/* Two nodes that a change is about: by how much the uses of their coupling change in all. */
+typedef struct sbi_live_pair {
+    int low, high;
+    int uses;
+    int next; /* while the plan is made: the next one with the same low node, or -1 */
+} sbi_live_pair;
+
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
     unsigned version;        /* how many changes there were, from 1 */
@@ -28479,12 +28499,20 @@ typedef struct sbi_matrix_live {
     int *touched;            /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;            /* 1: all rows moved */
+    int used_blocks;         /* blocks that are in rows */
     /* parts */
     int *part_of;            /* [row_capacity] */
+    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
+    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;              /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
+    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    int pair_count, pair_capacity;
     int pack;                /* 1: rows are pushed together first */
     int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
@@ -28496,7 +28524,7 @@ typedef struct sbi_matrix_live {
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
- * slack    share of rows and blocks in reserve, >= 0
+ * slack    share of rows in reserve, >= 0; with some, blocks have a quarter more
  * SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
@@ -28507,14 +28535,18 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
+ * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 /* The same of rows. */
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
+ * who read them. */
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* sparse.c: the identity for the diagonal block of a row that is not in use, which is fixed; and of all such rows, for
@@ -28530,7 +28562,7 @@ SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error
 /* Finds the connected parts of rows and lists them; part_of [row_count]. */
 SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
 /* Lists rows by part, once every row has one. */
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of);
 #endif
 
 #endif /* SB_SPARSE_LIVE_H */
@@ -28735,7 +28767,7 @@ SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
     sbi_sparse_list_parts(matrix, part_of);
 }
 
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of)
 {
     int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
@@ -28810,6 +28842,7 @@ static void sbi_matrix_free_live(sb_matrix *matrix)
     sbi_free(&matrix->allocator, matrix->live->row_memory);
     sbi_free(&matrix->allocator, matrix->live->pool_memory);
     sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live->pairs);
     sbi_free(&matrix->allocator, matrix->live);
     matrix->live = NULL;
 }
@@ -29114,6 +29147,8 @@ SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, co
 #include <limits.h>
 #include <string.h>
 
+enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
 /* Takes the arrays of rows from the arena, measuring or for real. */
@@ -29125,6 +29160,7 @@ static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->part_first = (int *)sbi_arena_take(arena, parts, sizeof(int));
     live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
@@ -29180,6 +29216,7 @@ static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old
         return;
     memcpy(live->room, old->room, ints);
     memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->part_first, old->part_first, (size_t)from->part_count * sizeof(int));
     memcpy(live->in_use, old->in_use, (size_t)from->row_count);
 }
 
@@ -29237,12 +29274,7 @@ SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->li
 
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
-    int count = 0;
-    if (!matrix->live)
-        return matrix->block_count;
-    for (int i = 0; i < matrix->row_count; i++)
-        count += matrix->row_end[i] - matrix->row_start[i];
-    return count;
+    return matrix->live ? matrix->live->used_blocks : matrix->block_count;
 }
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
@@ -29315,15 +29347,21 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
     matrix->columns[matrix->row_start[i]] = i;
     matrix->row_end[i] = matrix->row_start[i] + 1;
     matrix->fixed[i] = 0;
+    matrix->live->used_blocks++;
+    matrix->live->alone_count++;
     matrix->live->in_use[i] = 0;
     matrix->live->part_of[i] = -1;
 }
 
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
     if (!live->marks[i]) {
         live->marks[i] = 1;
+        live->alone_count -= sbi_live_is_alone(matrix, i);
         live->lost[i] = i;
         live->touched[live->touched_count++] = i;
     }
@@ -29387,99 +29425,169 @@ static void sbi_live_pack(sb_matrix *matrix)
         sbi_live_touch(matrix, i);
 }
 
-/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+/* ---- the plan: couplings that change --------------------------------------------------------------------- */
 
-static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+/* Adds to what a pair of nodes changes by; of most pairs of a changed cell nothing is left in the end. */
+static void sbi_live_plan_pair(sbi_matrix_live *live, int i, int j, int uses)
 {
-    return a.row < b.row || (a.row == b.row && a.column < b.column);
-}
-
-/* By row and column; Shell's sort, with gaps of Ciura. */
-static void sbi_live_sort_keys(sbi_live_key *keys, int count)
-{
-    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
-    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
-        int gap = gaps[g];
-        for (int k = gap; k < count; k++) {
-            sbi_live_key key = keys[k];
-            int at = k;
-            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
-                keys[at] = keys[at - gap];
-            keys[at] = key;
-        }
-    }
-}
-
-/* Plans the coupling of two nodes, unless the pattern has it. */
-static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
-{
-    sbi_matrix_live *live = matrix->live;
-    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+    int low = sbi_min_int(i, j), high = sbi_max_int(i, j), at = live->held[low];
+    sbi_live_pair *pair;
+    if (i == j)
         return;
-    for (int flip = 0; flip < 2; flip++) {
-        sbi_live_key *key = live->keys + live->key_count++;
-        key->row = flip ? j : i;
-        key->column = flip ? i : j;
-        key->uses = 1;
+    while (at >= 0 && live->pairs[at].high != high)
+        at = live->pairs[at].next;
+    if (at >= 0) {
+        live->pairs[at].uses += uses;
+        return;
     }
+    pair = live->pairs + live->pair_count;
+    pair->low = low;
+    pair->high = high;
+    pair->uses = uses;
+    pair->next = live->held[low];
+    live->held[low] = live->pair_count++;
 }
 
-/* Sorts the plan and makes one of several keys of a coupling. */
-static void sbi_live_merge_keys(sbi_matrix_live *live)
+/* The same for all pairs of cells, but, with `marked` 0, those of marked nodes. */
+static void sbi_live_plan_cells(sbi_matrix_live *live, int count, int n, const int *cells, int uses, int marked)
 {
-    int count = 0;
-    sbi_live_sort_keys(live->keys, live->key_count);
-    for (int k = 0; k < live->key_count; k++)
-        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
-            live->keys[count - 1].uses += live->keys[k].uses;
-        else
-            live->keys[count++] = live->keys[k];
-    live->key_count = count;
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n && (marked || !live->marks[cells[a]]); b++)
+                if (marked || !live->marks[cells[b]])
+                    sbi_live_plan_pair(live, cells[a], cells[b], uses);
 }
 
-/* Room for so many keys; 0: no memory. */
-static int sbi_live_take_keys(sb_matrix *matrix, size_t most)
+/* No pairs yet with any of these nodes. */
+static void sbi_live_plan_nodes(sbi_matrix_live *live, size_t count, const int *nodes)
+{
+    for (size_t k = 0; k < count; k++)
+        live->held[nodes[k]] = -1;
+}
+
+/* All pairs of a change. Couplings of nodes that it removes go with these; theirs are not counted. */
+static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    live->pair_count = 0;
+    if (others) {
+        sbi_live_plan_nodes(live, 2 * (size_t)others->gone_count, others->gone);
+        sbi_live_plan_nodes(live, 2 * (size_t)others->made_count, others->made);
+    }
+    if (change) {
+        int n = change->nodes_per_cell;
+        sbi_live_plan_nodes(live, (size_t)change->removed_cell_count * (size_t)n, change->removed_cell_nodes);
+        sbi_live_plan_nodes(live, (size_t)change->made_cell_count * (size_t)n, change->made_cell_nodes);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 1;
+        sbi_live_plan_cells(live, change->removed_cell_count, n, change->removed_cell_nodes, -1, 0);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 0;
+        sbi_live_plan_cells(live, change->made_cell_count, n, change->made_cell_nodes, 1, 1);
+    }
+    for (int k = 0; others && k < others->gone_count; k++)
+        sbi_live_plan_pair(live, others->gone[2 * (size_t)k], others->gone[2 * (size_t)k + 1], -1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(live, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
+}
+
+/* Leaves the pairs whose coupling is there and changes; *made: how many more are new, behind them. */
+static void sbi_live_sort_pairs(const sb_matrix *matrix, int *made)
 {
     sbi_matrix_live *live = matrix->live;
-    sbi_live_key *keys;
-    int capacity;
-    if (most <= (size_t)live->key_capacity)
-        return 1;
-    capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
-    keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
-    if (!keys)
+    int count = 0, end = 0;
+    for (int k = 0; k < live->pair_count; k++) {
+        sbi_live_pair pair = live->pairs[k];
+        if (pair.uses == 0)
+            continue;
+        live->pairs[end] = pair;
+        if (sb_matrix_find(matrix, pair.low, pair.high) >= 0) {
+            live->pairs[end] = live->pairs[count];
+            live->pairs[count++] = pair;
+        }
+        end++;
+    }
+    live->pair_count = count;
+    *made = end - count;
+}
+
+/* The keys of new couplings, row after row, columns ascending in each. */
+static void sbi_live_list_keys(sbi_matrix_live *live, int made)
+{
+    const sbi_live_pair *pairs = live->pairs + live->pair_count;
+    int *rows = live->lost, *starts = live->held, *ends = live->seen, row_count = 0, end = 0;
+    for (int k = 0; k < made; k++)
+        ends[pairs[k].low] = ends[pairs[k].high] = 0;
+    for (int k = 0; k < 2 * made; k++) {
+        int i = k % 2 ? pairs[k / 2].high : pairs[k / 2].low;
+        if (ends[i]++ == 0)
+            rows[row_count++] = i;
+    }
+    for (int k = 0; k < row_count; k++) {
+        starts[rows[k]] = end;
+        end += ends[rows[k]];
+        ends[rows[k]] = starts[rows[k]];
+    }
+    for (int k = 0; k < 2 * made; k++) {
+        const sbi_live_pair *pair = pairs + k / 2;
+        int i = k % 2 ? pair->high : pair->low, j = k % 2 ? pair->low : pair->high, at = ends[i]++;
+        for (; at > starts[i] && live->keys[at - 1].column > j; at--)
+            live->keys[at] = live->keys[at - 1];
+        live->keys[at].row = i;
+        live->keys[at].column = j;
+        live->keys[at].uses = pair->uses;
+    }
+    live->key_count = end;
+}
+
+/* Room for so many keys and pairs; 0: no memory. */
+static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+{
+    sbi_matrix_live *live = matrix->live;
+    const sb_allocator *allocator = &matrix->allocator;
+    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
         return 0;
-    sbi_free(&matrix->allocator, live->keys);
-    live->keys = keys;
-    live->key_capacity = capacity;
+    if (keys > (size_t)live->key_capacity) {
+        int capacity = sbi_live_more((int)keys);
+        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->keys);
+        live->keys = made;
+        live->key_capacity = capacity;
+    }
+    if (pairs > (size_t)live->pair_capacity) {
+        int capacity = sbi_live_more((int)pairs);
+        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->pairs);
+        live->pairs = made;
+        live->pair_capacity = capacity;
+    }
     return 1;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
 {
-    return sbi_live_take_keys(matrix, (size_t)couplings)
+    return sbi_live_take_plan(matrix, (size_t)couplings, (size_t)couplings)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d new couplings", couplings);
 }
 
-/* Fills the plan; 0: no memory. */
+/* Fills the plan, with rows for all nodes there; 0: no memory. */
 static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
 {
     sbi_matrix_live *live = matrix->live;
-    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
-    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
-    if (!sbi_live_take_keys(matrix, most))
+    size_t n = change ? (size_t)change->nodes_per_cell : 0, each = n > 0 ? n * (n - 1) / 2 : 0, pairs, keys;
+    int made;
+    keys = 2 * each * (change ? (size_t)change->made_cell_count : 0) + 2 * (size_t)(others ? others->made_count : 0);
+    pairs = each * (change ? (size_t)change->made_cell_count + (size_t)change->removed_cell_count : 0) +
+            (others ? (size_t)others->made_count + (size_t)others->gone_count : 0);
+    if (!sbi_live_take_plan(matrix, keys, pairs))
         return 0;
-    live->key_count = 0;
-    for (int c = 0; c < cells; c++) {
-        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
-        for (int a = 0; a < n; a++)
-            for (int b = a + 1; b < n; b++)
-                sbi_live_plan_pair(matrix, cell[a], cell[b]);
-    }
-    for (int k = 0; others && k < others->made_count; k++)
-        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
-    sbi_live_merge_keys(live);
+    sbi_live_plan_pairs(live, change, others);
+    sbi_live_sort_pairs(matrix, &made);
+    sbi_live_list_keys(live, made);
     return 1;
 }
 
@@ -29504,9 +29612,10 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
                                      const sbi_matrix_couplings *others, sb_error *error)
 {
     sbi_matrix_live *live = matrix->live;
-    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
-    if (made && rows > live->row_capacity)
+    int rows = change ? change->node_end : matrix->row_count, made = 1;
+    if (rows > live->row_capacity)
         made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    made = made && sbi_live_plan(matrix, change, others);
     live->pack = 0;
     if (made) {
         size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
@@ -29524,7 +29633,7 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 
 /* ---- following ------------------------------------------------------------------------------------------- */
 
-/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+/* Adds to the counts of a coupling that the pattern has. */
 static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
 {
     int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
@@ -29546,10 +29655,12 @@ static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int 
                 sbi_live_count(matrix, cells[a], cells[b], uses);
 }
 
-static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+/* The uses of couplings that there are, as planned. */
+static void sbi_live_count_planned(sb_matrix *matrix)
 {
-    for (int k = 0; k < count; k++)
-        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->pair_count; k++)
+        sbi_live_count(matrix, live->pairs[k].low, live->pairs[k].high, live->pairs[k].uses);
 }
 
 /* All couplings of a node that goes. */
@@ -29562,6 +29673,8 @@ static void sbi_live_drop_node(sb_matrix *matrix, int i)
         sbi_live_touch(matrix, matrix->columns[q]);
     }
     live->in_use[i] = 0;
+    if (live->part_of[i] >= 0 && live->part_of[i] != live->alone_part && live->part_first[live->part_of[i]] == i)
+        live->first_is_lost = 1;
     live->part_of[i] = -1;
 }
 
@@ -29595,6 +29708,9 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
             sbi_live_move(matrix, i, q, end);
         end++;
     }
+    if (end < matrix->row_end[i])
+        live->marks[i] = SBI_LIVE_LOSER;
+    live->used_blocks -= matrix->row_end[i] - end;
     for (int q = end; q < matrix->row_end[i]; q++)
         sbi_live_clear(matrix, q);
     matrix->row_end[i] = end;
@@ -29620,6 +29736,7 @@ static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
+    matrix->live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
@@ -29654,27 +29771,26 @@ static void sbi_live_fill(sb_matrix *matrix)
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
 
-static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
-
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
- * still hang together by couplings of theirs. 0: that has to be looked into. */
-static int sbi_live_parts_hold(sb_matrix *matrix)
+ * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
+static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
         live->seen[i] = -1;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             live->held[matrix->columns[q]] = matrix->columns[q];
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             sbi_live_join(live->held, i, matrix->columns[q]);
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
-        if (!live->in_use[i])
+        if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
             continue;
         group = sbi_live_root(live->lost, i);
         held = sbi_live_root(live->held, i);
@@ -29683,6 +29799,12 @@ static int sbi_live_parts_hold(sb_matrix *matrix)
         live->seen[group] = held;
     }
     return 1;
+}
+
+/* Mostly the rows that lost something are enough to see it. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    return sbi_live_parts_hold_by(matrix, SBI_LIVE_LOSER) || sbi_live_parts_hold_by(matrix, 1);
 }
 
 /* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
@@ -29724,12 +29846,90 @@ static void sbi_live_number_parts(sb_matrix *matrix)
     sbi_sparse_list_parts(matrix, live->part_of);
 }
 
+/* First rows, from lists that are right. */
+static void sbi_live_note_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->alone_part = -1;
+    live->alone_count = 0;
+    for (int c = 0; c < matrix->part_count; c++) {
+        live->part_first[c] = matrix->part_rows[matrix->part_start[c]];
+        if (!sbi_live_is_alone(matrix, live->part_first[c]))
+            continue;
+        live->alone_part = c;
+        live->alone_count = matrix->part_start[c + 1] - matrix->part_start[c];
+    }
+    live->listed = 1;
+    live->first_is_lost = 0;
+}
+
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
+ * touched, or INT_MAX. */
+static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
+{
+    const sbi_matrix_live *live = matrix->live;
+    *alone = INT_MAX;
+    if (live->first_is_lost)
+        return 0;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], part = live->part_of[i], is_alone = sbi_live_is_alone(matrix, i);
+        if (is_alone)
+            *alone = sbi_min_int(*alone, i);
+        if (part >= 0 && part != live->alone_part &&
+            (is_alone ? i == live->part_first[part] : i < live->part_first[part]))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when the rows alone, if any, stay where they are among the parts: last, or before a part that begins later. first:
+ * the least row that is alone now, of those touched. */
+static int sbi_live_alone_stay(const sb_matrix *matrix, int others, int first)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int old = live->alone_part >= 0 && live->alone_part < others ? live->part_first[live->alone_part] : -1;
+    if (old >= 0)
+        return old < matrix->row_count && sbi_live_is_alone(matrix, old) && first >= old;
+    return others == 0 || first > live->part_first[others - 1];
+}
+
+/* Where parts keep their numbers only rows that were touched get theirs. 0: they do not, and nothing has changed. */
+static int sbi_live_keep_numbers(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int first, others = matrix->part_count - (live->alone_part >= 0);
+    if (!sbi_live_firsts_hold(matrix, &first) || !sbi_live_alone_stay(matrix, others, first))
+        return 0;
+    if (live->alone_part < 0 || live->alone_part == others) {
+        live->alone_part = live->alone_count ? others : -1;
+        matrix->part_count = others + (live->alone_count > 0);
+    }
+    for (int k = 0; k < live->touched_count; k++)
+        if (sbi_live_is_alone(matrix, live->touched[k]))
+            live->part_of[live->touched[k]] = live->alone_part;
+    live->listed = 0;
+    return 1;
+}
+
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix)
+{
+    if (!matrix->live || matrix->live->listed)
+        return;
+    sbi_sparse_list_parts(matrix, matrix->live->part_of);
+    matrix->live->listed = 1;
+}
+
 static void sbi_live_follow_parts(sb_matrix *matrix)
 {
-    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+    int holds = sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix);
+    matrix->live->renumbered = !holds || !sbi_live_keep_numbers(matrix);
+    if (!matrix->live->renumbered)
+        return;
+    if (holds)
         sbi_live_number_parts(matrix);
     else
         sbi_sparse_find_parts(matrix, matrix->live->part_of);
+    sbi_live_note_parts(matrix);
 }
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
@@ -29771,39 +29971,34 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     sbi_matrix_live *live = matrix->live;
     while (matrix->row_count > change->node_end) {
         int i = --matrix->row_count;
+        live->alone_count -= !live->marks[i];
+        live->used_blocks--;
         sbi_live_clear(matrix, matrix->row_start[i]);
         sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
     }
-    for (int k = 0, count = live->touched_count; k < count; k++) {
+    for (int k = live->touched_count; k-- > 0;) {
         int i = live->touched[k];
-        live->marks[i] = 0;
-        if (i >= matrix->row_count)
+        if (i >= matrix->row_count) {
+            live->marks[i] = 0;
+            live->touched[k] = live->touched[--live->touched_count];
             continue;
+        }
+        live->alone_count += sbi_live_is_alone(matrix, i);
         if (!live->in_use[i])
             sbi_matrix_set_free_row(matrix, i);
     }
-    for (int k = live->touched_count; k-- > 0;)
-        if (live->touched[k] >= matrix->row_count)
-            live->touched[k] = live->touched[--live->touched_count];
 }
 
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_mesh_change same;
     sbi_matrix_live *live = matrix->live;
-    int n;
     memset(&same, 0, sizeof same);
     same.node_end = matrix->row_count;
     change = change ? change : &same;
-    n = change->nodes_per_cell;
     sbi_live_begin(matrix);
-    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
     sbi_live_follow_nodes(matrix, change);
-    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    sbi_live_count_planned(matrix);
     for (int k = 0; k < live->key_count; k++)
         sbi_live_touch(matrix, live->keys[k].row);
     for (int k = 0; k < live->touched_count; k++)
@@ -29811,7 +30006,9 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change,
     sbi_live_fill(matrix);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
-    live->key_count = 0;
+    for (int k = 0; k < live->touched_count; k++)
+        live->marks[live->touched[k]] = 0;
+    live->key_count = live->pair_count = 0;
 }
 
 /* ---- making one -------------------------------------------------------------------------------------------- */
@@ -29843,7 +30040,9 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
+    live->used_blocks = made.block_count;
     *matrix = made;
+    sbi_live_note_parts(matrix);
     return 1;
 }
 
@@ -29853,13 +30052,20 @@ static int sbi_live_capacity(int count, double slack)
     return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
 }
 
+/* Blocks of a matrix with slack: a quarter more, so that rows can be pushed together instead of a pool made anew, until
+ * nodes and cells have used up the slack. */
+static int sbi_live_pool_capacity(int blocks, double slack)
+{
+    return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
 {
     sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
     if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
-                                     sbi_live_capacity(matrix->block_count, slack))) {
+                                     sbi_live_pool_capacity(matrix->block_count, slack))) {
         sbi_free(&matrix->allocator, live);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
     }
@@ -29868,8 +30074,8 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
     for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
         if (cells[0] >= 0)
             sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
     for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
@@ -29907,26 +30113,36 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
 {
     const sbi_matrix_live *live = matrix->live;
+    int blocks = 0, alone = 0;
     if (!live)
         return SB_OK;
     if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
     for (int i = 0; i < matrix->row_count; i++) {
         sb_result result = sbi_live_check_row(matrix, i, error);
+        blocks += matrix->row_end[i] - matrix->row_start[i];
+        alone += sbi_live_is_alone(matrix, i);
         if (result != SB_OK)
             return result;
         if (live->marks[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
     }
+    if (blocks != live->used_blocks || alone != live->alone_count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d blocks in rows and %d rows alone, not %d and %d", blocks, alone,
+                        live->used_blocks, live->alone_count);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
             for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
                 if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
                     return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    sbi_matrix_list_parts(matrix);
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             if (live->part_of[matrix->part_rows[k]] != c)
                 return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    for (int c = 0; c < matrix->part_count; c++)
+        if (c != live->alone_part && live->part_first[c] != matrix->part_rows[matrix->part_start[c]])
+            return sbi_fail(error, SB_ERROR_STATE, "part %d does not begin with row %d", c, live->part_first[c]);
     return SB_OK;
 }
 
@@ -34123,6 +34339,7 @@ static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
     if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
         return 1;
     part_of = (int *)sbi_alloc(&m->owned.allocator, 2 * most, sizeof(int));
+    sbi_matrix_list_parts(pattern);
     for (int c = 0; part_of && c < pattern->part_count; c++)
         for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
             part_of[pattern->part_rows[k]] = c;
@@ -37229,6 +37446,7 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.start = m.touching + rows;
     m.centres = centres;
     memset(m.touching, 0, rows * sizeof(int));
+    sbi_matrix_list_parts(a);
     memcpy(nodes, a->part_rows, rows * sizeof(int));
     for (int c = 0; c < a->part_count; c++)
         sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);
@@ -37505,20 +37723,31 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
+/* One row of the blocks at a time: what it sums stays in registers. */
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    memset(sum, 0, 4 * sizeof *sum);
-    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
-        const sb_real *block = a->blocks[c->entry_blocks[s]];
-        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        for (int r = 0; r < 3; r++)
-            for (int k = 0; k < 3; k++) {
-                sb_real value = block[3 * r + k];
-                sum[0][4 * r + k] += value;
-                sum[1][4 * r + k] += value * arm[0];
-                sum[2][4 * r + k] += value * arm[1];
-                sum[3][4 * r + k] += value * arm[2];
-            }
+    int begin = c->entry_start[e], end = c->entry_start[e + 1];
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
+    for (int s = begin; s < end; s++) {
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
+        SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
+        SBI_PREFETCH(a->blocks[later], 64);
+    }
+    for (int r = 0; r < 3; r++) {
+        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+        for (int s = begin; s < end; s++) {
+            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
+            p = sb_v3_add(p, value);
+            x = sb_v3_madd(x, arm[0], value);
+            y = sb_v3_madd(y, arm[1], value);
+            z = sb_v3_madd(z, arm[2], value);
+        }
+        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
+        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
     }
 }
 #endif
@@ -37773,21 +38002,28 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
-/* to -= A Z solution. Pieces share nodes, so that this is one thread's; it reads what one task of the restriction does. */
+/* to -= A Z solution, which is rounded as all else that the smoother gets. Pieces share nodes, so that this is one
+ * thread's; it reads what one task of the restriction does. */
 static void sbi_precond_subtract_coupling(const sbi_precond_job *job, sb_real *to)
 {
     const sbi_precond_coarse *c = &job->p->coarse;
-    double back = 1 / job->scale;
+    const float *rows = c->coupling;
+    sb_real back = (sb_real)(1 / job->scale);
     for (int piece = 0; piece < c->piece_count; piece++) {
         const double *s = c->solution + 6 * piece;
-        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
-            const float *rows = c->coupling + 24 * (size_t)e;
+        sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
+        sbi_float4 turn = sbi_f4_make((float)s[3], (float)s[4], (float)s[5]);
+        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++, rows += 24) {
             sb_real *out = to + 3 * (size_t)c->entry_node[e];
-            for (int r = 0; r < 3; r++, rows += 4) {
-                double shift = (double)rows[0] * s[0] + (double)rows[1] * s[1] + (double)rows[2] * s[2];
-                double turn = (double)rows[12] * s[3] + (double)rows[13] * s[4] + (double)rows[14] * s[5];
-                out[r] -= (sb_real)((shift + turn) * back);
-            }
+            sbi_float4 x = sbi_f4_mul(sbi_f4_load(rows), shift), y = sbi_f4_mul(sbi_f4_load(rows + 4), shift);
+            sbi_float4 z = sbi_f4_mul(sbi_f4_load(rows + 8), shift), sum;
+            x = sbi_f4_add(x, sbi_f4_mul(sbi_f4_load(rows + 12), turn));
+            y = sbi_f4_add(y, sbi_f4_mul(sbi_f4_load(rows + 16), turn));
+            z = sbi_f4_add(z, sbi_f4_mul(sbi_f4_load(rows + 20), turn));
+            sum = sbi_f4_sums(x, y, z);
+            out[0] -= (sb_real)SBI_F4(sum, 0) * back;
+            out[1] -= (sb_real)SBI_F4(sum, 1) * back;
+            out[2] -= (sb_real)SBI_F4(sum, 2) * back;
         }
     }
 }
@@ -38933,6 +39169,7 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
 {
     const sb_matrix *a = s->matrix;
     int chunks = 0;
+    sbi_matrix_list_parts(a);
     s->part_count = joint ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;
@@ -39884,6 +40121,16 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
+static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *error)
+{
+    if (!(det > 0))
+        return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                "element %d is inverted or flat at integration point %d (Jacobian %g)", e, point,
+                                (double)det);
+    return sbi_fail_element(error, SB_ERROR_MESH, e, /* the product of small numbers */
+                            "element %d is too small: nothing is left of its volume at integration point %d", e, point);
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error)
 {
@@ -39905,17 +40152,11 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         for (int p = 0; p < q; p++) {
             size_t at = first + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            if (!(det > 0))
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
-                                        (double)det);
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
-            if (!(domain->weights[at] > 0)) /* the product of small numbers */
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is too small: nothing is left of its volume at integration point %d",
-                                        e, p);
+            if (!(det > 0) || !(domain->weights[at] > 0))
+                return sbi_domain_refuse(e, p, det, error);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -40197,14 +40438,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_domain_element(domain);
-    sb_real gradients[12];
-    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_element_shape(element, points[0], NULL, local);
-    return share * (sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) * weights[0]) > 0;
+    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+}
+
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+{
+    if (sbi_domain_is_upright(rule, x, share))
+        return SB_OK;
+    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -40251,6 +40494,40 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
         }
     }
     return volume;
+}
+
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    rule->count = sbi_element_quadrature(element, SB_QUADRATURE_MASS, points, rule->weights);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_element_shape(element, points[p], shape, local);
+        memcpy(rule->shapes[p], shape, sizeof rule->shapes[p]);
+    }
+    memcpy(rule->slopes, local, sizeof rule->slopes);
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    rule->volume = weights[0];
+}
+
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])
+{
+    sb_real det = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), volume = 0, trace = 0;
+    for (int a = 0; a < 4; a++)
+        masses[a] = load[a] = 0;
+    for (int p = 0; p < rule->count; p++) {
+        sb_real w = rule->weights[p] * det;
+        volume += w;
+        for (int a = 0; a < 4; a++) {
+            load[a] += w * rule->shapes[p][a];
+            masses[a] += w * rule->shapes[p][a] * rule->shapes[p][a];
+        }
+    }
+    for (int a = 0; a < 4; a++)
+        trace += masses[a];
+    for (int a = 0; a < 4; a++)
+        masses[a] = trace > 0 ? masses[a] * volume / trace : 0;
 }
 
 /* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */
@@ -41937,7 +42214,7 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
+ * slots; the first loop after a change colours them anew by lists of their nodes, a few per cent of its time. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -41953,9 +42230,11 @@ typedef struct sbi_assembly_live {
     int *place, *last;     /* [node_capacity] scratch */
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
+    unsigned char *kept;   /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
     int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
-    int *chunk_node_count; /* [chunks] */
+    int *chunk_node_count; /* [chunks], -1: to be listed again */
+    int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
@@ -41977,6 +42256,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
@@ -42309,6 +42590,23 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
+/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them would
+ * otherwise read and write memory for each product. */
+
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
+                                           const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
+                                           sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int a = 0; a + 3 <= n - 1; a += 3, d += 9, g += 9)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
+            f[0][l] = f[0][l] + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
+            f[1][l] = f[1][l] + d0 * g[1][l] + d1 * g[4][l] + d2 * g[7][l];
+            f[2][l] = f[2][l] + d0 * g[2][l] + d1 * g[5][l] + d2 * g[8][l];
+        }
+}
+
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
@@ -42317,11 +42615,8 @@ SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_PO
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
             f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                for (int l = 0; l < SB_POLAR_LANES; l++)
-                    f[3 * i + j][l] += d[3 * a + i][l] * g[3 * a + j][l];
+    for (int i = 0; i < 3; i++)
+        sbi_batch_deform_row(d, g, n, i, f + 3 * i);
 }
 
 /* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
@@ -42329,15 +42624,21 @@ SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*SB_RESTRICT r)[SB_POLAR_L
                                        const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
                                        sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    sb_real trace[SB_POLAR_LANES];
-    for (int l = 0; l < SB_POLAR_LANES; l++)
-        trace[l] = -3;
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+    sb_real twice[SB_POLAR_LANES], pressure[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real trace = -3;
+        trace = trace + r[0][l] * f[0][l] + r[1][l] * f[1][l] + r[2][l] * f[2][l];
+        trace = trace + r[3][l] * f[3][l] + r[4][l] * f[4][l] + r[5][l] * f[5][l];
+        trace = trace + r[6][l] * f[6][l] + r[7][l] * f[7][l] + r[8][l] * f[8][l];
+        twice[l] = 2 * mu[l];
+        pressure[l] = lambda[l] * trace;
+    }
+    for (int k = 0; k < 9; k += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            f[k][l] = twice[l] * (f[k][l] - r[k][l]) + pressure[l] * r[k][l];
+            f[k + 1][l] = twice[l] * (f[k + 1][l] - r[k + 1][l]) + pressure[l] * r[k + 1][l];
+            f[k + 2][l] = twice[l] * (f[k + 2][l] - r[k + 2][l]) + pressure[l] * r[k + 2][l];
+        }
 }
 
 /* out[3 a + i] += sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to the gradients of nodes a >= 1. */
@@ -42345,13 +42646,16 @@ SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LA
                                       const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int add,
                                       sb_real (*SB_RESTRICT out)[SB_POLAR_LANES])
 {
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real sum = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                              m[3 * i + 2][l] * g[3 * a + 2][l];
-                out[3 * a + i][l] = add ? out[3 * a + i][l] + sum : sum;
-            }
+    for (int a = 0; a < n - 1; a++, g += 3, out += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = m[0][l] * g0 + m[1][l] * g1 + m[2][l] * g2;
+            sb_real y = m[3][l] * g0 + m[4][l] * g1 + m[5][l] * g2;
+            sb_real z = m[6][l] * g0 + m[7][l] * g1 + m[8][l] * g2;
+            out[0][l] = add ? out[0][l] + x : x;
+            out[1][l] = add ? out[1][l] + y : y;
+            out[2][l] = add ? out[2][l] + z : z;
+        }
 }
 
 /* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
@@ -42640,8 +42944,9 @@ SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batc
         sbi_batch_load_quats(assembly, batch, p, q, quats);
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = m.m[k / 3][k % 3];
+        r[0][l] = m.m[0][0], r[1][l] = m.m[0][1], r[2][l] = m.m[0][2];
+        r[3][l] = m.m[1][0], r[4][l] = m.m[1][1], r[5][l] = m.m[1][2];
+        r[6][l] = m.m[2][0], r[7][l] = m.m[2][1], r[8][l] = m.m[2][2];
     }
 }
 
@@ -42708,14 +43013,17 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
         for (int l = 0; l < SB_POLAR_LANES; l++)
             r[k][l] *= scale[l];
     memset(sum, 0, sizeof sum);
-    for (int a = 1; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
-                                 r[3 * i + 2][l] * g[3 * a - 1][l];
-                h[3 * (q * a + p) + i][l] = turned;
-                sum[i][l] -= turned;
-            }
+    for (int a = 1; a < n; a++, g += 3) {
+        sb_real(*to)[SB_POLAR_LANES] = h + 3 * (q * a + p);
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = r[0][l] * g0 + r[1][l] * g1 + r[2][l] * g2;
+            sb_real y = r[3][l] * g0 + r[4][l] * g1 + r[5][l] * g2;
+            sb_real z = r[6][l] * g0 + r[7][l] * g1 + r[8][l] * g2;
+            to[0][l] = x, to[1][l] = y, to[2][l] = z;
+            sum[0][l] -= x, sum[1][l] -= y, sum[2][l] -= z;
+        }
+    }
     memcpy(h + 3 * p, sum, sizeof sum);
 }
 
@@ -42775,14 +43083,45 @@ SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return sb_v3_add(a, b); }
 #endif
 
-/* s = sum over the points of a cell of h_a h_b^T. */
-SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
+/* A block by its rows. By names: compilers that do not unroll keep an array of rows in memory, at twice the time. */
+typedef struct sbi_batch_sum {
+    sbi_batch_row r0, r1, r2;
+} sbi_batch_sum;
+
+/* One point's h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer_point(const sb_real *a, const sb_real *b)
 {
-    for (int i = 0; i < 3; i++)
-        s[i] = sbi_batch_scale(a[i], b);
+    sbi_batch_sum s;
+    s.r0 = sbi_batch_scale(a[0], b);
+    s.r1 = sbi_batch_scale(a[1], b);
+    s.r2 = sbi_batch_scale(a[2], b);
+    return s;
+}
+
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_add_sum(sbi_batch_sum a, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_add(a.r0, b.r0);
+    a.r1 = sbi_batch_add(a.r1, b.r1);
+    a.r2 = sbi_batch_add(a.r2, b.r2);
+    return a;
+}
+
+/* a + factor b */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_madd_sum(sbi_batch_sum a, sb_real factor, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_madd(a.r0, factor, b.r0);
+    a.r1 = sbi_batch_madd(a.r1, factor, b.r1);
+    a.r2 = sbi_batch_madd(a.r2, factor, b.r2);
+    return a;
+}
+
+/* Sum over the points of a cell of h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer(const sb_real *a, const sb_real *b, const int q)
+{
+    sbi_batch_sum s = sbi_batch_outer_point(a, b);
     for (int p = 1; p < q; p++)
-        for (int i = 0; i < 3; i++)
-            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
+        s = sbi_batch_add_sum(s, sbi_batch_outer_point(a + 3 * p, b + 3 * p));
+    return s;
 }
 
 /* What the loops over blocks know when they are compiled. */
@@ -42794,18 +43133,24 @@ typedef struct sbi_batch_kind {
 
 /* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
 SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
-                                         sbi_batch_row *s, sbi_batch_row *l)
+                                         sbi_batch_sum *s, sbi_batch_sum *l)
 {
     size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
     const int q = kind.q;
     const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
-    sbi_batch_row t[3];
-    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-    for (int i = 0; i < 3; i++) {
-        s[i] = sbi_batch_add(s[i], t[i]);
-        if (kind.mixed)
-            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-    }
+    sbi_batch_sum t = sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q);
+    *s = sbi_batch_add_sum(*s, t);
+    if (kind.mixed)
+        *l = sbi_batch_madd_sum(*l, assembly->ratios[e], t);
+}
+
+/* Row i of factor (l + s^T + trace I): of l and of s the i-th row and column, and the trace in its place. */
+SBI_FORCE_INLINE void sbi_batch_block_row(sb_real factor, sbi_batch_row l, sb_real s0, sb_real s1, sb_real s2,
+                                          sb_real t0, sb_real t1, sb_real t2, sb_real *out)
+{
+    out[0] = factor * (SBI_ROW_AT(l, 0) + s0 + t0);
+    out[1] = factor * (SBI_ROW_AT(l, 1) + s1 + t1);
+    out[2] = factor * (SBI_ROW_AT(l, 2) + s2 + t2);
 }
 
 /* The block of an edge. */
@@ -42813,23 +43158,24 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
                                       sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
-    sbi_batch_row s[3], l[3];
+    sbi_batch_sum s, l;
     sb_real trace;
-    for (int i = 0; i < 3; i++)
-        s[i] = l[i] = sbi_batch_scale(0, zeros);
+    s.r0 = s.r1 = s.r2 = sbi_batch_scale(0, zeros);
+    l = s;
     if (kind.live)
         for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
-            sbi_batch_add_pair(assembly, pair, kind, s, l);
+            sbi_batch_add_pair(assembly, pair, kind, &s, &l);
     else
         for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
-            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
-    for (int i = 0; !kind.mixed && i < 3; i++)
-        l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
-    trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            out[3 * i + j] =
-                factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, &s, &l);
+    if (!kind.mixed)
+        l = sbi_batch_madd_sum(l, assembly->ratios[0], s);
+    trace = SBI_ROW_AT(s.r0, 0) + SBI_ROW_AT(s.r1, 1) + SBI_ROW_AT(s.r2, 2);
+    sbi_batch_block_row(factor, l.r0, SBI_ROW_AT(s.r0, 0), SBI_ROW_AT(s.r1, 0), SBI_ROW_AT(s.r2, 0), trace, 0, 0, out);
+    sbi_batch_block_row(factor, l.r1, SBI_ROW_AT(s.r0, 1), SBI_ROW_AT(s.r1, 1), SBI_ROW_AT(s.r2, 1), 0, trace, 0,
+                        out + 3);
+    sbi_batch_block_row(factor, l.r2, SBI_ROW_AT(s.r0, 2), SBI_ROW_AT(s.r1, 2), SBI_ROW_AT(s.r2, 2), 0, 0, trace,
+                        out + 6);
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,
@@ -43110,6 +43456,7 @@ static void sbi_assembly_chunk(void *user, int index);
 static int sbi_assembly_run(sbi_assembly_job *job)
 {
     sbi_assembly *assembly = job->assembly;
+    sbi_assembly_settle_colours(assembly);
     for (int colour = 0; colour < assembly->colour_count; colour++) {
         int first = assembly->colour_start[colour];
         job->chunks = assembly->colour_chunks + first;
@@ -43997,6 +44344,7 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
 
 /* Zeroed arrays of the capacities in `live`; 0: no memory. */
@@ -44372,8 +44720,8 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
         assembly->live->units[e / assembly->chunk_size] = -1;
         sbi_assembly_blank(assembly, e);
     }
-    for (int k = 0; k < change->removed_cell_count; k++)
-        if (change->removed_cells[k] < domain->cell_count)
+    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
+        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
             sbi_assembly_blank(assembly, change->removed_cells[k]);
     for (int k = 0; k < change->made_cell_count; k++) {
         int e = change->made_cells[k];
@@ -44392,21 +44740,39 @@ static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
     live->rows[live->row_count++] = i;
 }
 
+/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    const sb_domain *domain = assembly->domain;
+    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
+    for (int a = 0; a < 4; a++) {
+        if (now && now[a] == nodes[a])
+            assembly->live->kept[e] |= (unsigned char)(1 << a);
+        else
+            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+}
+
+static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++) {
+        if (!(assembly->live->kept[e] >> a & 1))
+            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+    assembly->live->kept[e] = 0;
+}
+
 /* Rings of the nodes, and the list of rows whose maps change. */
 static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
     live->row_count = 0;
-    for (int k = 0; k < 4 * change->removed_cell_count; k++) {
-        int node = change->removed_cell_nodes[k];
-        sbi_ring_remove(live, node, 4 * change->removed_cells[k / 4] + k % 4);
-        sbi_assembly_mark_row(live, node);
-    }
-    for (int k = 0; k < 4 * change->made_cell_count; k++) {
-        int node = change->made_cell_nodes[k];
-        sbi_ring_add(live, node, 4 * change->made_cells[k / 4] + k % 4);
-        sbi_assembly_mark_row(live, node);
-    }
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
     for (int k = 0; k < matrix->live->touched_count; k++)
         sbi_assembly_mark_row(live, matrix->live->touched[k]);
     for (int k = 0; k < live->row_count; k++) {
@@ -44423,7 +44789,7 @@ static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const in
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units and nodes of chunks with changed cells, and all colours. */
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
 static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
@@ -44433,10 +44799,22 @@ static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_ch
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
-            sbi_assembly_list_nodes(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
         }
     sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
@@ -45648,6 +46026,7 @@ struct sb_body {
     sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
+    int (*component_faces)[6];   /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */
@@ -45747,6 +46126,12 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the o
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
+/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not right
+ * any more, and boxes are to be made again; */
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x);
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x);
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component);
+SBI_API void sbi_body_make_boxes(sb_body *body);
 /* regions and materials, one material per region, and each cell's material; */
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
@@ -45775,7 +46160,7 @@ SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* Of a body that follows: masses of a cell's corners, and the sums of a node over its cells in ascending order. */
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell);
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);
@@ -45881,6 +46266,7 @@ typedef struct sbi_live {
     void *lists;              /* behind the lists of a change while it is made */
     size_t list_bytes;
     int version;
+    int rebuilds;             /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
@@ -45899,6 +46285,8 @@ typedef struct sbi_live_mesh {
     void *memory;
 } sbi_live_mesh;
 
+/* The error of a node that a change leaves without a cell; made: by this change. */
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_destroy(sb_body *body);
@@ -46063,6 +46451,8 @@ typedef struct sbi_change_lists {
     sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
+    int *nodes, *gone, *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
+    size_t node_room;
 } sbi_change_lists;
 
 /* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
@@ -46587,17 +46977,15 @@ static void sbi_body_tilt_masses(sb_body *body)
         }
 }
 
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell)
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule)
 {
-    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    sbi_body_gather_reference(body, cell, x);
-    sbi_domain_element_mass(&body->domain, cell, SB_MASS_LUMPED, x, mass, load);
-    for (int a = 0; a < 4; a++) {
-        out[a] = density * mass[5 * a];
-        out[4 + a] = density * load[a];
-    }
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
+    sbi_domain_tet_masses(rule, x, out, out + 4);
+    for (int a = 0; a < 8; a++)
+        out[a] = density * out[a];
 }
 
 /* Adds what a cell of a body that follows weighs to its nodes. */
@@ -46627,7 +47015,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_tet_rule rule;
     int n = body->domain.nodes_per_cell, lifted = 0;
+    if (sbi_live_follows(body))
+        sbi_domain_make_tet_rule(&body->domain, &rule);
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
@@ -46644,7 +47035,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
-            sbi_body_weigh_cell(body, e);
+            sbi_body_weigh_cell(body, e, &rule);
             sbi_body_add_cell_mass(body, e);
             continue;
         }
@@ -48189,6 +48580,7 @@ static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
     body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
@@ -48276,12 +48668,56 @@ static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_e
     return result;
 }
 
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
+static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
+{
+    if (side * x > side * *face) {
+        *face = x + 0; /* no -0: the order of the nodes is not to show */
+        *nodes = 0;
+    }
+    *nodes += x == *face;
+}
+
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
 {
     sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+    int *nodes = body->component_faces[component];
+    sbi_body_enter_face(&low->x, nodes, x.x, -1);
+    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
+    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
+    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
+    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
+    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
+}
+
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 low = body->component_low[component], high = body->component_high[component];
+    int *nodes = body->component_faces[component];
+    nodes[0] -= x.x == low.x;
+    nodes[1] -= x.y == low.y;
+    nodes[2] -= x.z == low.z;
+    nodes[3] -= x.x == high.x;
+    nodes[4] -= x.y == high.y;
+    nodes[5] -= x.z == high.z;
+}
+
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
+{
+    const int *nodes = body->component_faces[component];
+    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
+}
+
+SBI_API void sbi_body_make_boxes(sb_body *body)
+{
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
 }
 
 static void sbi_body_label_by_elements(sb_body *body)
@@ -48300,17 +48736,12 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         sbi_live_label_nodes(body);
     else
         sbi_body_label_by_elements(body);
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    for (int c = 0; c < body->component_count; c++)
         body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
+    for (int i = 0; i < body->domain.node_count; i++)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
-        else
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
+    sbi_body_make_boxes(body);
 }
 
 /* ---- creation and its end ---- */
@@ -49837,6 +50268,8 @@ typedef struct sbi_live_following {
     int old_nodes, old_cells; /* ends before */
     sbi_live_balance velocity, acceleration;
     int first;                /* see sbi_live_first_changed */
+    int node_count;           /* of lists->nodes */
+    sbi_tet_rule rule;
 } sbi_live_following;
 
 /* ---- whether it can be done here ---- */
@@ -49911,56 +50344,74 @@ static int sbi_live_body_fits(const sb_body *body, const sb_body_change *change)
            change->cells.fresh > change->cells.count;
 }
 
-static int sbi_live_count_cells_of(const sb_body *body, int node)
+/* Lists a node once; marks hold 1 + its place. */
+static void sbi_live_list_node(sbi_live_following *work, int node, int by)
 {
-    int count = 0;
-    if (node >= body->domain.node_count)
-        return 0;
-    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
-        count++;
-    return count;
-}
-
-static void sbi_live_count_node(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by;
-}
-
-static void sbi_live_count_gone(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by < 0;
-}
-
-/* 1 when nodes that go lose all of their cells. Marks are 0 after it. */
-static int sbi_live_leave_all(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_gone);
-    for (int i = 0; i < out->removed_node_count && good; i++)
-        good = work->body->live->node_marks[out->removed_nodes[i]] ==
-               sbi_live_count_cells_of(work->body, out->removed_nodes[i]);
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
-}
-
-/* 1 when all other nodes of changed cells, and all made ones, have a cell afterwards. */
-static int sbi_live_keep_some(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    const sb_body *body = work->body;
-    const int *marks = body->live->node_marks;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_node);
-    for (int k = 0; k < 4 * out->removed_cell_count && good; k++) {
-        int node = out->removed_cell_nodes[k];
-        good = !sbi_slots_is_used(&work->change->nodes, node) ||
-               sbi_live_count_cells_of(body, node) + marks[node] > 0;
+    const sbi_change_lists *lists = work->lists;
+    int *mark = work->body->live->node_marks + node;
+    if (!*mark) {
+        lists->nodes[work->node_count] = node;
+        lists->gone[work->node_count] = lists->come[work->node_count] = 0;
+        *mark = ++work->node_count;
     }
-    for (int i = 0; i < out->made_node_count && good; i++)
-        good = sbi_live_count_cells_of(body, out->made_nodes[i]) + marks[out->made_nodes[i]] > 0;
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
+    lists->gone[*mark - 1] += by < 0;
+    lists->come[*mark - 1] += by > 0;
+}
+
+/* The nodes of changed cells, and those that come, go or move. */
+static void sbi_live_list_nodes(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    work->node_count = 0;
+    sbi_live_each_node(work, sbi_live_list_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        sbi_live_list_node(work, out->removed_nodes[i], 0);
+    for (int i = 0; i < out->made_node_count; i++)
+        sbi_live_list_node(work, out->made_nodes[i], 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        sbi_live_list_node(work, out->moved_nodes[i], 0);
+}
+
+/* 1 when a node has more cells than so many before the change. */
+static int sbi_live_has_more_cells(const sb_body *body, int node, int most)
+{
+    int at;
+    if (most < 0 || node >= body->domain.node_count)
+        return most < 0;
+    at = sbi_live_first_cell(body, node);
+    for (; at >= 0 && most > 0; most--)
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
+}
+
+/* 1 when nodes that go lose all of their cells. */
+static int sbi_live_leave_all(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    for (int i = 0; i < out->removed_node_count; i++) {
+        int node = out->removed_nodes[i], gone = work->lists->gone[work->body->live->node_marks[node] - 1];
+        if (sbi_live_has_more_cells(work->body, node, gone))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when all other nodes of cells that go, and all made ones, have a cell afterwards. */
+static int sbi_live_keep_some(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sbi_change_lists *lists = work->lists;
+    const sb_body *body = work->body;
+    for (int k = 0; k < work->node_count; k++)
+        if (lists->gone[k] > 0 && sbi_slots_is_used(&work->change->nodes, lists->nodes[k]) &&
+            !sbi_live_has_more_cells(body, lists->nodes[k], lists->gone[k] - lists->come[k]))
+            return 0;
+    for (int i = 0; i < out->made_node_count; i++) {
+        int k = body->live->node_marks[out->made_nodes[i]] - 1;
+        if (!sbi_live_has_more_cells(body, out->made_nodes[i], lists->gone[k] - lists->come[k]))
+            return 0;
+    }
+    return 1;
 }
 
 /* The rest shape to come: node_marks hold 1 + the index of made nodes, and -1 - that of moved ones. */
@@ -49988,7 +50439,7 @@ static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *n
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x, share);
+    return sbi_domain_is_upright(&work->rule, x, share);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -50012,11 +50463,17 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
 static int sbi_live_change_fits(sbi_live_following *work)
 {
     int good;
+    sbi_domain_make_tet_rule(&work->body->domain, &work->rule);
     sbi_live_mark_places(work, 1);
     good = sbi_live_cells_are_good(work); /* corners are in range after it */
     sbi_live_mark_places(work, 0);
-    return good && sbi_live_leave_all(work) && sbi_live_keep_some(work) &&
-           sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
+    if (!good)
+        return 0;
+    sbi_live_list_nodes(work);
+    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    for (int k = 0; k < work->node_count; k++)
+        work->body->live->node_marks[work->lists->nodes[k]] = 0;
+    return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
            !sbi_live_loads_are_touched(work);
 }
 
@@ -50175,21 +50632,15 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 }
 
 /* Nodes that were in no cell and are now are free to move. */
-static void sbi_live_wake_node(sbi_live_following *work, int node, int by)
+static void sbi_live_wake_nodes(sbi_live_following *work)
 {
     sb_body *body = work->body;
-    if (by > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
-        !work->change->node_at[node])
-        body->fixed[node] = 0;
-}
-
-static void sbi_live_sum_node_of(sbi_live_following *work, int node, int by)
-{
-    (void)by;
-    if (node >= work->body->domain.node_count || work->body->live->node_marks[node])
-        return;
-    work->body->live->node_marks[node] = 1;
-    sbi_body_sum_node_mass(work->body, node);
+    for (int k = 0; k < work->node_count; k++) {
+        int node = work->lists->nodes[k];
+        if (work->lists->come[k] > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
+            !work->change->node_at[node])
+            body->fixed[node] = 0;
+    }
 }
 
 static void sbi_live_follow_masses(sbi_live_following *work)
@@ -50201,20 +50652,79 @@ static void sbi_live_follow_masses(sbi_live_following *work)
         return;
     }
     for (int i = 0; i < out->made_cell_count; i++)
-        sbi_body_weigh_cell(body, out->made_cells[i]);
+        sbi_body_weigh_cell(body, out->made_cells[i], &work->rule);
     for (int i = 0; i < out->reshaped_cell_count; i++)
-        sbi_body_weigh_cell(body, out->reshaped_cells[i]);
-    sbi_live_each_node(work, sbi_live_sum_node_of);
-    sbi_live_each_node(work, sbi_live_unmark_node);
+        sbi_body_weigh_cell(body, out->reshaped_cells[i], &work->rule);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_body_sum_node_mass(body, work->lists->nodes[k]);
 }
 
-/* Blocks in the rows of supports. */
-static void sbi_live_count_supports(sb_body *body)
+/* Blocks in the rows of those supports that the change may touch. */
+static int sbi_live_count_supports(const sbi_live_following *work)
 {
-    body->support_used = 0;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i] && body->node_component[i] >= 0)
-            body->support_used += body->matrix.row_end[i] - body->matrix.row_start[i];
+    const sb_body *body = work->body;
+    int count = 0;
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k];
+        if (i < body->domain.node_count && body->fixed[i] && body->node_component[i] >= 0)
+            count += body->matrix.row_end[i] - body->matrix.row_start[i];
+    }
+    return count;
+}
+
+/* ---- parts and their boxes ---- */
+
+/* Nodes that go or move leave their box, while they are where they were. */
+static void sbi_live_leave_boxes(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    for (int i = 0; i < out->removed_node_count + out->moved_node_count; i++) {
+        int gone = out->removed_node_count, node = i < gone ? out->removed_nodes[i] : out->moved_nodes[i - gone];
+        if (node < work->old_nodes && body->node_component[node] >= 0)
+            sbi_body_leave_box(body, body->node_component[node], body->reference[node]);
+    }
+}
+
+/* Number of the part of a node that the matrix has, or -1: it is in no cell. */
+static int sbi_live_component(const sb_body *body, int node)
+{
+    const sbi_matrix_live *live = body->matrix.live;
+    int part = live->part_of[node];
+    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+}
+
+/* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
+ * other numbers or a box has lost all nodes of a side. */
+static void sbi_live_label_changed(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    int right = 1;
+    if (body->matrix.live->renumbered) {
+        sbi_body_label_nodes(body);
+        return;
+    }
+    body->component_count = body->matrix.part_count - (body->matrix.live->alone_part >= 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        if (body->node_component[out->moved_nodes[i]] >= 0)
+            sbi_body_enter_box(body, body->node_component[out->moved_nodes[i]], body->reference[out->moved_nodes[i]]);
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k], old;
+        if (i >= body->domain.node_count)
+            continue;
+        old = body->node_component[i];
+        body->node_component[i] = sbi_live_component(body, i);
+        if (body->node_component[i] < 0)
+            body->fixed[i] = SB_XYZ;
+        else if (old < 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
+    }
+    for (int c = 0; c < body->component_count; c++)
+        right &= sbi_body_box_is_right(body, c);
+    if (!right)
+        sbi_body_make_boxes(body);
 }
 
 /* Rotations and memory of cells made without a parent. */
@@ -50234,14 +50744,16 @@ static void sbi_live_follow_all(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body *body = work->body;
+    int supports = sbi_live_count_supports(work);
+    sbi_live_leave_boxes(work);
     sbi_live_follow_nodes_of_body(work);
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
-    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_matrix_follow(&body->matrix, out);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
-    sbi_live_each_node(work, sbi_live_wake_node);
-    sbi_body_label_nodes(body);
-    sbi_live_count_supports(body);
+    sbi_live_wake_nodes(work);
+    sbi_live_label_changed(work);
+    body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
     body->pcg.row_count = body->domain.node_count;
@@ -50481,6 +50993,45 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     return SB_OK;
 }
 
+/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6] zeros. */
+static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
+{
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int c = body->node_component[i];
+        sb_vec3 x = body->reference[i], low, high;
+        if (c >= body->component_count)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is in part %d of %d", i, c, body->component_count);
+        if (c < 0)
+            continue;
+        low = body->component_low[c], high = body->component_high[c];
+        if (x.x < low.x || x.y < low.y || x.z < low.z || x.x > high.x || x.y > high.y || x.z > high.z)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is outside the box of part %d", i, c);
+        sides[c][0] += x.x == low.x, sides[c][1] += x.y == low.y, sides[c][2] += x.z == low.z;
+        sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
+    }
+    for (int c = 0; c < body->component_count; c++)
+        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts", c);
+    return SB_OK;
+}
+
+/* Parts, their boxes, and the count of the supports' blocks. */
+static sb_result sbi_live_check_parts(const sb_body *body, sb_error *error)
+{
+    int(*sides)[6] = (int(*)[6])sbi_alloc_zeroed(&body->allocator, (size_t)body->component_count + 1, sizeof *sides);
+    int blocks = 0;
+    sb_result result = sides ? sbi_live_check_boxes(body, sides, error)
+                             : sbi_fail(error, SB_ERROR_MEMORY, "no memory to check %d parts", body->component_count);
+    sbi_free(&body->allocator, sides);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            blocks += body->matrix.row_end[i] - body->matrix.row_start[i];
+    if (result == SB_OK && blocks != body->support_used)
+        result = sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks,
+                          body->support_used);
+    return result;
+}
+
 SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
@@ -50518,6 +51069,8 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_live_check_parts(body, error);
     if (result == SB_OK)
         result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);
@@ -50702,7 +51255,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
 
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
 {
-    size_t bytes = 4096 + 512 * (size_t)cells;
+    size_t bytes = 4096 + 768 * (size_t)cells;
     body->live->spare = sbi_change_make(body, cells);
     body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
     body->live->list_bytes = body->live->lists ? bytes : 0;
@@ -51253,6 +51806,10 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
     lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
     lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
+    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved;
+    lists->nodes = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->gone = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->come = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -51491,6 +52048,44 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     return result;
 }
 
+/* Whether all nodes that a change should leave in cells are; node_marks are 0 before and after. */
+static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                         sb_error *error)
+{
+    int *marks = body->live->node_marks;
+    sb_result result = SB_OK;
+    for (int e = 0; e < mesh->cells.end; e++)
+        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+            marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
+    for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
+        if (!marks[out->made_nodes[i]])
+            result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
+    for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
+        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+            result = sbi_live_refuse_lonely(i, 0, error);
+    memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
+    return result;
+}
+
+/* What else can be seen to be wrong with a mesh of tet4 before a body is made of it. */
+static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                       sb_error *error)
+{
+    sb_result result = SB_OK;
+    sbi_tet_rule rule;
+    if (!sbi_live_follows(body) || mesh->nodes.end > body->live->nodes.capacity)
+        return SB_OK;
+    sbi_domain_make_tet_rule(&body->domain, &rule);
+    for (int e = 0; e < mesh->cells.end && result == SB_OK; e++) {
+        sb_vec3 x[4];
+        for (int a = 0; a < 4; a++)
+            x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
+        if (mesh->shares[e] > 0)
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+    }
+    return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
+}
+
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
 static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change *out, sb_error *error)
 {
@@ -51500,7 +52095,11 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     memset(&mesh, 0, sizeof mesh);
     result = sbi_change_make_mesh(change, out, &mesh, error);
     if (result == SB_OK)
+        result = sbi_change_check_mesh(body, out, &mesh, error);
+    if (result == SB_OK) {
+        body->live->rebuilds++;
         result = sbi_live_build(body, &mesh, &next, error);
+    }
     if (result == SB_OK)
         result = sbi_live_carry(body, out, &mesh, next, error);
     if (result == SB_OK)
@@ -51968,30 +52567,36 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- momentum ---- */
 
-static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+/* also: another sum that gets the same, or NULL. */
+static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
     const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
     double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-    sum->mass += m;
-    sum->linear_size += size;
-    sum->angular_size += size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    for (int i = 0; i < 3; i++) {
-        sum->linear[i] += p[i];
-        sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+    double turning = size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    for (; sum; sum = also, also = NULL) {
+        sum->mass += m;
+        sum->linear_size += size;
+        sum->angular_size += turning;
+        for (int i = 0; i < 3; i++) {
+            sum->linear[i] += p[i];
+            sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+        }
     }
 }
 
 /* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum)
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum,
+                              sbi_live_moment *also)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
     if (body->live->follows) {
-        for (int a = 0; a < n; a++)
-            sbi_live_add_mass(sum, (double)body->live->masses[8 * e + a], body->position[cell[a]], about, v[cell[a]]);
+        const sb_real *masses = body->live->masses + 8 * (size_t)e;
+        for (int a = 0; a < 4; a++)
+            sbi_live_add_mass(sum, also, (double)masses[a], body->position[cell[a]], about, v[cell[a]]);
         return;
     }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
@@ -51999,7 +52604,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
+        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
                           v[cell[a]]);
 }
 
@@ -52032,13 +52637,10 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all);
-    balance.parents = balance.all;
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all, &balance.parents);
     for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all);
-    for (int i = 0; i < change->removed_cell_count; i++)
-        if (has_child[change->removed_cells[i]])
-            sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.parents);
+        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all,
+                          has_child[change->removed_cells[i]] ? &balance.parents : NULL);
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 0;
@@ -52163,9 +52765,9 @@ SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change
     rigid.about = before->about;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have);
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have, NULL);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have);
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have, NULL);
     want = sbi_live_wanted(before, have.mass);
     for (int i = 0; i < 3; i++) {
         linear[i] = want.linear[i] - have.linear[i];
@@ -52201,17 +52803,22 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 
 /* ---- all of it ---- */
 
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
+{
+    return sbi_fail_node(error, SB_ERROR_MESH, node,
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+}
+
 /* Every node in use has a cell, but those that had none before. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
         if (next->node_component[change->made_nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
-                                 change->made_nodes[i]);
+            return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
         if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+            return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
 
@@ -52277,6 +52884,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;
+    made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;
@@ -58345,6 +58953,7 @@ SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
     const sb_vec3 zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++)
         rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    sbi_matrix_list_parts(parts);
     for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
         for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
             space->part_of[parts->part_rows[k]] = c;
@@ -58474,7 +59083,9 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axe
 /* Connected parts: those of the matrix that is solved, where ties join what they tie. */
 static const sb_matrix *sbi_step_parts(const sb_body *body)
 {
-    return body->elimination ? &body->elimination->matrix : &body->matrix;
+    const sb_matrix *parts = body->elimination ? &body->elimination->matrix : &body->matrix;
+    sbi_matrix_list_parts(parts);
+    return parts;
 }
 
 /* The same of one part's nodes. */
@@ -61328,10 +61939,22 @@ static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_
     if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
         !sbi_state_is_little_endian())
         return 0;
-    if (walk->pass == SBI_STATE_WRITE)
+    if (walk->pass == SBI_STATE_WRITE && count)
         memcpy(walk->out + walk->used, array, count * size);
-    if (walk->pass == SBI_STATE_READ)
+    if (walk->pass == SBI_STATE_READ && count)
         memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
+/* In passes over a body: steps past so many bytes at once and says where they are to be written, or *out NULL. 0: they
+ * have to be passed number by number, as above. */
+static int sbi_state_place(sbi_state_walk *walk, size_t count, size_t size, unsigned char **out)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, NULL, 0, 1))
+        return 0;
+    *out = walk->pass == SBI_STATE_WRITE ? walk->out + at : NULL;
     walk->overflow |= !sbi_size_add(&walk->used, count, size);
     return 1;
 }
@@ -61677,9 +62300,12 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
 {
     const sb_matrix *matrix = sbi_state_matrix(body, walk);
     int needed = 0;
+    int count = body->domain.node_count;
     if (walk->pass == SBI_STATE_CHECK)
         walk->fixed = walk->in + walk->used;
-    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, body->fixed, (size_t)count, 1))
+        count = 0;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
         int lonely = body->node_component[i] < 0;
         int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
         if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
@@ -62124,6 +62750,20 @@ static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
     return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
 }
 
+/* All of them in passes over a body; 0: one by one. */
+static int sbi_state_give_quats(sbi_state_walk *walk, const sbi_assembly *assembly, int cells)
+{
+    unsigned char *out;
+    if (!sbi_state_place(walk, (size_t)cells, sizeof(sb_quat), &out))
+        return 0;
+    for (int e = 0; out && e < cells; e++, out += sizeof(sb_quat)) {
+        const sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        memcpy(out, &q, sizeof q);
+    }
+    return 1;
+}
+
 /* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
  * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
 static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
@@ -62138,7 +62778,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
             if (walk->pass == SBI_STATE_READ)
                 *at = q;
         }
-    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells))
+        return;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
         sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
         if (!sbi_state_bulk(walk, &q, 1, sizeof q))
@@ -62245,15 +62887,17 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 /* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
 static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
 {
-    size_t corners = (size_t)n * sizeof(int);
-    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+    size_t corners = (size_t)n * sizeof(int), size = sizeof(sb_real) + sizeof(int) + corners;
+    unsigned char *out;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)) ||
+        !sbi_state_place(walk, (size_t)mesh->cells.end, size, &out))
         return 0;
-    if (walk->pass == SBI_STATE_MEASURE)
-        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
-    for (int e = 0; e < mesh->cells.end; e++) {
-        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
-        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
-        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    for (int e = 0; out && e < mesh->cells.end; e++, out += size) {
+        memcpy(out, mesh->shares + e, sizeof(sb_real));
+        memcpy(out + sizeof(sb_real), mesh->material + e, sizeof(int));
+        for (int k = 0; k < n; k++)
+            memcpy(out + sizeof(sb_real) + (size_t)(k + 1) * sizeof(int), mesh->corners + (size_t)e * (size_t)n + k,
+                   sizeof(int));
     }
     return 1;
 }

@@ -77,7 +77,7 @@ static void rooms_change(rooms *r, const sbi_mesh_change *change, const sb_vec3 
     t[1] = now();
     if (sbi_matrix_reserve(&r->matrix, change, NULL, NULL) != SB_OK)
         exit(1);
-    sbi_matrix_follow(&r->matrix, change, NULL);
+    sbi_matrix_follow(&r->matrix, change);
     t[2] = now();
     if (sbi_assembly_reserve(&r->assembly, &r->matrix, change, NULL) != SB_OK)
         exit(1);

@@ -129,6 +129,7 @@ static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
     body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
     sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
 }
@@ -216,12 +217,56 @@ static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_e
     return result;
 }
 
-/* Grows the bounding box of a part by one of its nodes. */
-static void sbi_body_grow_box(sb_body *body, int component, sb_vec3 x)
+/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
+static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
+{
+    if (side * x > side * *face) {
+        *face = x + 0; /* no -0: the order of the nodes is not to show */
+        *nodes = 0;
+    }
+    *nodes += x == *face;
+}
+
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
 {
     sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    *low = sb_v3(sb_min(low->x, x.x), sb_min(low->y, x.y), sb_min(low->z, x.z));
-    *high = sb_v3(sb_max(high->x, x.x), sb_max(high->y, x.y), sb_max(high->z, x.z));
+    int *nodes = body->component_faces[component];
+    sbi_body_enter_face(&low->x, nodes, x.x, -1);
+    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
+    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
+    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
+    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
+    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
+}
+
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 low = body->component_low[component], high = body->component_high[component];
+    int *nodes = body->component_faces[component];
+    nodes[0] -= x.x == low.x;
+    nodes[1] -= x.y == low.y;
+    nodes[2] -= x.z == low.z;
+    nodes[3] -= x.x == high.x;
+    nodes[4] -= x.y == high.y;
+    nodes[5] -= x.z == high.z;
+}
+
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
+{
+    const int *nodes = body->component_faces[component];
+    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
+}
+
+SBI_API void sbi_body_make_boxes(sb_body *body)
+{
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
 }
 
 static void sbi_body_label_by_elements(sb_body *body)
@@ -240,17 +285,12 @@ SBI_API void sbi_body_label_nodes(sb_body *body)
         sbi_live_label_nodes(body);
     else
         sbi_body_label_by_elements(body);
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+    for (int c = 0; c < body->component_count; c++)
         body->tie_of[c] = -1;
-    }
-    for (int i = 0; i < body->domain.node_count; i++) {
+    for (int i = 0; i < body->domain.node_count; i++)
         if (body->node_component[i] < 0) /* it would make every system singular */
             body->fixed[i] = SB_XYZ;
-        else
-            sbi_body_grow_box(body, body->node_component[i], body->reference[i]);
-    }
+    sbi_body_make_boxes(body);
 }
 
 /* ---- creation and its end ---- */

@@ -177,17 +177,15 @@ static void sbi_body_tilt_masses(sb_body *body)
         }
 }
 
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell)
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule)
 {
-    sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_real density = sbi_live_density(body, cell), *out = body->live->masses + 8 * (size_t)cell;
-    sb_vec3 x[SB_MAX_ELEMENT_NODES];
-    sbi_body_gather_reference(body, cell, x);
-    sbi_domain_element_mass(&body->domain, cell, SB_MASS_LUMPED, x, mass, load);
-    for (int a = 0; a < 4; a++) {
-        out[a] = density * mass[5 * a];
-        out[4 + a] = density * load[a];
-    }
+    sb_vec3 x[4];
+    for (int a = 0; a < 4; a++)
+        x[a] = body->reference[body->domain.cells[4 * (size_t)cell + (size_t)a]];
+    sbi_domain_tet_masses(rule, x, out, out + 4);
+    for (int a = 0; a < 8; a++)
+        out[a] = density * out[a];
 }
 
 /* Adds what a cell of a body that follows weighs to its nodes. */
@@ -217,7 +215,10 @@ SBI_API void sbi_body_update_mass(sb_body *body)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES], load[SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
+    sbi_tet_rule rule;
     int n = body->domain.nodes_per_cell, lifted = 0;
+    if (sbi_live_follows(body))
+        sbi_domain_make_tet_rule(&body->domain, &rule);
     memset(body->lumped_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->load_mass, 0, (size_t)body->domain.node_count * sizeof(sb_real));
     memset(body->work, 0, (size_t)body->domain.node_count * sizeof(sb_vec3));
@@ -234,7 +235,7 @@ SBI_API void sbi_body_update_mass(sb_body *body)
             sbi_body_add_mass_blocks(body, e, mass, density, body->mass_blocks);
         }
         if (sbi_live_follows(body)) {
-            sbi_body_weigh_cell(body, e);
+            sbi_body_weigh_cell(body, e, &rule);
             sbi_body_add_cell_mass(body, e);
             continue;
         }

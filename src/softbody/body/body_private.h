@@ -180,6 +180,7 @@ struct sb_body {
     sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
     double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
+    int (*component_faces)[6];   /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */
@@ -279,6 +280,12 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the o
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
+/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not right
+ * any more, and boxes are to be made again; */
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x);
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x);
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component);
+SBI_API void sbi_body_make_boxes(sb_body *body);
 /* regions and materials, one material per region, and each cell's material; */
 SBI_API sb_result sbi_body_make_materials(sb_body *body, const sb_body_def *def, sb_error *error);
 /* what a material to come, of region `index` (-1: of all), needs besides itself: fibre directions and memory; */
@@ -307,7 +314,7 @@ SBI_API sb_real sbi_body_size(const sb_body *body);
 /* Recomputes masses after a density changed. */
 SBI_API void sbi_body_update_mass(sb_body *body);
 /* Of a body that follows: masses of a cell's corners, and the sums of a node over its cells in ascending order. */
-SBI_API void sbi_body_weigh_cell(sb_body *body, int cell);
+SBI_API void sbi_body_weigh_cell(sb_body *body, int cell, const sbi_tet_rule *rule);
 SBI_API void sbi_body_sum_node_mass(sb_body *body, int node);
 /* blocks[block_count] (kg) = a mass matrix of any kind, one scalar per block of the pattern. */
 SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_real *blocks);

@@ -428,30 +428,36 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 
 /* ---- momentum ---- */
 
-static void sbi_live_add_mass(sbi_live_moment *sum, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+/* also: another sum that gets the same, or NULL. */
+static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
     const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
     double size = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-    sum->mass += m;
-    sum->linear_size += size;
-    sum->angular_size += size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
-    for (int i = 0; i < 3; i++) {
-        sum->linear[i] += p[i];
-        sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+    double turning = size * sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    for (; sum; sum = also, also = NULL) {
+        sum->mass += m;
+        sum->linear_size += size;
+        sum->angular_size += turning;
+        for (int i = 0; i < 3; i++) {
+            sum->linear[i] += p[i];
+            sum->angular[i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3];
+        }
     }
 }
 
 /* Adds the lumped mass of a cell. */
-static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum)
+static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const sb_vec3 *v, sbi_live_moment *sum,
+                              sbi_live_moment *also)
 {
     sb_real mass[SB_MAX_ELEMENT_NODES * SB_MAX_ELEMENT_NODES];
     sb_vec3 x[SB_MAX_ELEMENT_NODES];
     int n = body->domain.nodes_per_cell;
     const int *cell = body->domain.cells + (size_t)e * (size_t)n;
     if (body->live->follows) {
-        for (int a = 0; a < n; a++)
-            sbi_live_add_mass(sum, (double)body->live->masses[8 * e + a], body->position[cell[a]], about, v[cell[a]]);
+        const sb_real *masses = body->live->masses + 8 * (size_t)e;
+        for (int a = 0; a < 4; a++)
+            sbi_live_add_mass(sum, also, (double)masses[a], body->position[cell[a]], about, v[cell[a]]);
         return;
     }
     memset(x, 0, sizeof x); /* compilers cannot see that n > 0 */
@@ -459,7 +465,7 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
+        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
                           v[cell[a]]);
 }
 
@@ -492,13 +498,10 @@ SBI_API sbi_live_balance sbi_live_weigh(const sb_body *body, const sbi_mesh_chan
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 1;
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all);
-    balance.parents = balance.all;
+        sbi_live_add_cell(body, change->reshaped_cells[i], about, motion, &balance.all, &balance.parents);
     for (int i = 0; i < change->removed_cell_count; i++)
-        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all);
-    for (int i = 0; i < change->removed_cell_count; i++)
-        if (has_child[change->removed_cells[i]])
-            sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.parents);
+        sbi_live_add_cell(body, change->removed_cells[i], about, motion, &balance.all,
+                          has_child[change->removed_cells[i]] ? &balance.parents : NULL);
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
             has_child[change->made_parents[i]] = 0;
@@ -623,9 +626,9 @@ SBI_API void sbi_live_keep_momentum(sb_body *next, const sbi_mesh_change *change
     rigid.about = before->about;
     for (int i = 0; i < change->made_cell_count; i++)
         if (change->made_parents[i] >= 0)
-            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have);
+            sbi_live_add_cell(next, change->made_cells[i], rigid.about, motion, &have, NULL);
     for (int i = 0; i < change->reshaped_cell_count; i++)
-        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have);
+        sbi_live_add_cell(next, change->reshaped_cells[i], rigid.about, motion, &have, NULL);
     want = sbi_live_wanted(before, have.mass);
     for (int i = 0; i < 3; i++) {
         linear[i] = want.linear[i] - have.linear[i];
@@ -661,17 +664,22 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 
 /* ---- all of it ---- */
 
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
+{
+    return sbi_fail_node(error, SB_ERROR_MESH, node,
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+}
+
 /* Every node in use has a cell, but those that had none before. */
 static sb_result sbi_live_check_lonely(const sb_body *body, const sbi_mesh_change *change, const sb_body *next,
                                        sb_error *error)
 {
     for (int i = 0; i < change->made_node_count; i++)
         if (next->node_component[change->made_nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, change->made_nodes[i], "the new node %d is in no cell",
-                                 change->made_nodes[i]);
+            return sbi_live_refuse_lonely(change->made_nodes[i], 1, error);
     for (int i = 0; i < sbi_min_int(body->domain.node_count, next->domain.node_count); i++)
         if (next->live->nodes.used[i] && body->node_component[i] >= 0 && next->node_component[i] < 0)
-            return sbi_fail_node(error, SB_ERROR_MESH, i, "node %d is left without a cell: remove it, too", i);
+            return sbi_live_refuse_lonely(i, 0, error);
     return SB_OK;
 }
 
@@ -737,6 +745,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->parts = old.parts;
     next->parts = NULL;
     made->open = live->open;
+    made->rebuilds = live->rebuilds;
     made->listeners = live->listeners;
     made->listener_count = live->listener_count;
     made->listener_capacity = live->listener_capacity;

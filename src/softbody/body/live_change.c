@@ -177,7 +177,7 @@ static sb_body_change *sbi_change_make(sb_body *body, int cells)
 
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error)
 {
-    size_t bytes = 4096 + 512 * (size_t)cells;
+    size_t bytes = 4096 + 768 * (size_t)cells;
     body->live->spare = sbi_change_make(body, cells);
     body->live->lists = sbi_alloc(&body->allocator, bytes, 1);
     body->live->list_bytes = body->live->lists ? bytes : 0;
@@ -728,6 +728,10 @@ static void sbi_change_layout(const sb_body_change *change, sbi_change_lists *li
     lists->reshaped_shares = (sb_real *)sbi_arena_take(arena, (size_t)change->reshaped_most, sizeof(sb_real));
     lists->motions = (sbi_live_motion *)sbi_arena_take(arena, made + moved, sizeof(sbi_live_motion));
     lists->forces = (sb_vec3 *)sbi_arena_take(arena, removed, sizeof(sb_vec3));
+    lists->node_room = n * (gone + come + (size_t)change->reshaped_most) + made + removed + moved;
+    lists->nodes = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->gone = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
+    lists->come = (int *)sbi_arena_take(arena, lists->node_room, sizeof(int));
 }
 
 /* Upper bound of the cells that a moved node reshapes. */
@@ -966,6 +970,44 @@ static sb_result sbi_change_make_mesh(const sb_body_change *change, const sb_mes
     return result;
 }
 
+/* Whether all nodes that a change should leave in cells are; node_marks are 0 before and after. */
+static sb_result sbi_change_check_lonely(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                         sb_error *error)
+{
+    int *marks = body->live->node_marks;
+    sb_result result = SB_OK;
+    for (int e = 0; e < mesh->cells.end; e++)
+        for (int a = 0; a < 4 && mesh->shares[e] > 0; a++)
+            marks[mesh->corners[4 * (size_t)e + (size_t)a]] = 1;
+    for (int i = 0; i < out->made_node_count && result == SB_OK; i++)
+        if (!marks[out->made_nodes[i]])
+            result = sbi_live_refuse_lonely(out->made_nodes[i], 1, error);
+    for (int i = 0; i < sbi_min_int(body->domain.node_count, mesh->nodes.end) && result == SB_OK; i++)
+        if (mesh->nodes.used[i] && body->node_component[i] >= 0 && !marks[i])
+            result = sbi_live_refuse_lonely(i, 0, error);
+    memset(marks, 0, (size_t)mesh->nodes.end * sizeof *marks);
+    return result;
+}
+
+/* What else can be seen to be wrong with a mesh of tet4 before a body is made of it. */
+static sb_result sbi_change_check_mesh(const sb_body *body, const sb_mesh_change *out, const sbi_live_mesh *mesh,
+                                       sb_error *error)
+{
+    sb_result result = SB_OK;
+    sbi_tet_rule rule;
+    if (!sbi_live_follows(body) || mesh->nodes.end > body->live->nodes.capacity)
+        return SB_OK;
+    sbi_domain_make_tet_rule(&body->domain, &rule);
+    for (int e = 0; e < mesh->cells.end && result == SB_OK; e++) {
+        sb_vec3 x[4];
+        for (int a = 0; a < 4; a++)
+            x[a] = mesh->positions[mesh->corners[4 * (size_t)e + (size_t)a]];
+        if (mesh->shares[e] > 0)
+            result = sbi_domain_check_tet(&rule, e, x, mesh->shares[e], error);
+    }
+    return result == SB_OK ? sbi_change_check_lonely(body, out, mesh, error) : result;
+}
+
 /* Makes the change on a body of its own, beside the present one, which takes its place. */
 static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change *out, sb_error *error)
 {
@@ -975,7 +1017,11 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
     memset(&mesh, 0, sizeof mesh);
     result = sbi_change_make_mesh(change, out, &mesh, error);
     if (result == SB_OK)
+        result = sbi_change_check_mesh(body, out, &mesh, error);
+    if (result == SB_OK) {
+        body->live->rebuilds++;
         result = sbi_live_build(body, &mesh, &next, error);
+    }
     if (result == SB_OK)
         result = sbi_live_carry(body, out, &mesh, next, error);
     if (result == SB_OK)

@@ -51,6 +51,8 @@ typedef struct sbi_change_lists {
     sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
+    int *nodes, *gone, *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
+    size_t node_room;
 } sbi_change_lists;
 
 /* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what

@@ -17,6 +17,8 @@ typedef struct sbi_live_following {
     int old_nodes, old_cells; /* ends before */
     sbi_live_balance velocity, acceleration;
     int first;                /* see sbi_live_first_changed */
+    int node_count;           /* of lists->nodes */
+    sbi_tet_rule rule;
 } sbi_live_following;
 
 /* ---- whether it can be done here ---- */
@@ -91,56 +93,74 @@ static int sbi_live_body_fits(const sb_body *body, const sb_body_change *change)
            change->cells.fresh > change->cells.count;
 }
 
-static int sbi_live_count_cells_of(const sb_body *body, int node)
+/* Lists a node once; marks hold 1 + its place. */
+static void sbi_live_list_node(sbi_live_following *work, int node, int by)
 {
-    int count = 0;
-    if (node >= body->domain.node_count)
-        return 0;
-    for (int at = sbi_live_first_cell(body, node); at >= 0; at = sbi_live_next_cell(body, node, at))
-        count++;
-    return count;
-}
-
-static void sbi_live_count_node(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by;
-}
-
-static void sbi_live_count_gone(sbi_live_following *work, int node, int by)
-{
-    work->body->live->node_marks[node] += by < 0;
-}
-
-/* 1 when nodes that go lose all of their cells. Marks are 0 after it. */
-static int sbi_live_leave_all(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_gone);
-    for (int i = 0; i < out->removed_node_count && good; i++)
-        good = work->body->live->node_marks[out->removed_nodes[i]] ==
-               sbi_live_count_cells_of(work->body, out->removed_nodes[i]);
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
-}
-
-/* 1 when all other nodes of changed cells, and all made ones, have a cell afterwards. */
-static int sbi_live_keep_some(sbi_live_following *work)
-{
-    const sb_mesh_change *out = work->out;
-    const sb_body *body = work->body;
-    const int *marks = body->live->node_marks;
-    int good = 1;
-    sbi_live_each_node(work, sbi_live_count_node);
-    for (int k = 0; k < 4 * out->removed_cell_count && good; k++) {
-        int node = out->removed_cell_nodes[k];
-        good = !sbi_slots_is_used(&work->change->nodes, node) ||
-               sbi_live_count_cells_of(body, node) + marks[node] > 0;
+    const sbi_change_lists *lists = work->lists;
+    int *mark = work->body->live->node_marks + node;
+    if (!*mark) {
+        lists->nodes[work->node_count] = node;
+        lists->gone[work->node_count] = lists->come[work->node_count] = 0;
+        *mark = ++work->node_count;
     }
-    for (int i = 0; i < out->made_node_count && good; i++)
-        good = sbi_live_count_cells_of(body, out->made_nodes[i]) + marks[out->made_nodes[i]] > 0;
-    sbi_live_each_node(work, sbi_live_unmark_node);
-    return good;
+    lists->gone[*mark - 1] += by < 0;
+    lists->come[*mark - 1] += by > 0;
+}
+
+/* The nodes of changed cells, and those that come, go or move. */
+static void sbi_live_list_nodes(sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    work->node_count = 0;
+    sbi_live_each_node(work, sbi_live_list_node);
+    for (int i = 0; i < out->removed_node_count; i++)
+        sbi_live_list_node(work, out->removed_nodes[i], 0);
+    for (int i = 0; i < out->made_node_count; i++)
+        sbi_live_list_node(work, out->made_nodes[i], 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        sbi_live_list_node(work, out->moved_nodes[i], 0);
+}
+
+/* 1 when a node has more cells than so many before the change. */
+static int sbi_live_has_more_cells(const sb_body *body, int node, int most)
+{
+    int at;
+    if (most < 0 || node >= body->domain.node_count)
+        return most < 0;
+    at = sbi_live_first_cell(body, node);
+    for (; at >= 0 && most > 0; most--)
+        at = sbi_live_next_cell(body, node, at);
+    return at >= 0;
+}
+
+/* 1 when nodes that go lose all of their cells. */
+static int sbi_live_leave_all(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    for (int i = 0; i < out->removed_node_count; i++) {
+        int node = out->removed_nodes[i], gone = work->lists->gone[work->body->live->node_marks[node] - 1];
+        if (sbi_live_has_more_cells(work->body, node, gone))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when all other nodes of cells that go, and all made ones, have a cell afterwards. */
+static int sbi_live_keep_some(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    const sbi_change_lists *lists = work->lists;
+    const sb_body *body = work->body;
+    for (int k = 0; k < work->node_count; k++)
+        if (lists->gone[k] > 0 && sbi_slots_is_used(&work->change->nodes, lists->nodes[k]) &&
+            !sbi_live_has_more_cells(body, lists->nodes[k], lists->gone[k] - lists->come[k]))
+            return 0;
+    for (int i = 0; i < out->made_node_count; i++) {
+        int k = body->live->node_marks[out->made_nodes[i]] - 1;
+        if (!sbi_live_has_more_cells(body, out->made_nodes[i], lists->gone[k] - lists->come[k]))
+            return 0;
+    }
+    return 1;
 }
 
 /* The rest shape to come: node_marks hold 1 + the index of made nodes, and -1 - that of moved ones. */
@@ -168,7 +188,7 @@ static int sbi_live_cell_is_upright(const sbi_live_following *work, const int *n
     sb_vec3 x[4];
     for (int a = 0; a < 4; a++)
         x[a] = sbi_live_place(work, nodes[a]);
-    return sbi_domain_is_upright(&work->body->domain, x, share);
+    return sbi_domain_is_upright(&work->rule, x, share);
 }
 
 /* 1 when cells made have four nodes in use, and they and those reshaped a volume. */
@@ -192,11 +212,17 @@ static int sbi_live_cells_are_good(const sbi_live_following *work)
 static int sbi_live_change_fits(sbi_live_following *work)
 {
     int good;
+    sbi_domain_make_tet_rule(&work->body->domain, &work->rule);
     sbi_live_mark_places(work, 1);
     good = sbi_live_cells_are_good(work); /* corners are in range after it */
     sbi_live_mark_places(work, 0);
-    return good && sbi_live_leave_all(work) && sbi_live_keep_some(work) &&
-           sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
+    if (!good)
+        return 0;
+    sbi_live_list_nodes(work);
+    good = sbi_live_leave_all(work) && sbi_live_keep_some(work);
+    for (int k = 0; k < work->node_count; k++)
+        work->body->live->node_marks[work->lists->nodes[k]] = 0;
+    return good && sbi_live_check_removed(work->body, &work->change->nodes, work->out, NULL) == SB_OK &&
            !sbi_live_loads_are_touched(work);
 }
 
@@ -355,21 +381,15 @@ static void sbi_live_follow_cells_of_body(sbi_live_following *work)
 }
 
 /* Nodes that were in no cell and are now are free to move. */
-static void sbi_live_wake_node(sbi_live_following *work, int node, int by)
+static void sbi_live_wake_nodes(sbi_live_following *work)
 {
     sb_body *body = work->body;
-    if (by > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
-        !work->change->node_at[node])
-        body->fixed[node] = 0;
-}
-
-static void sbi_live_sum_node_of(sbi_live_following *work, int node, int by)
-{
-    (void)by;
-    if (node >= work->body->domain.node_count || work->body->live->node_marks[node])
-        return;
-    work->body->live->node_marks[node] = 1;
-    sbi_body_sum_node_mass(work->body, node);
+    for (int k = 0; k < work->node_count; k++) {
+        int node = work->lists->nodes[k];
+        if (work->lists->come[k] > 0 && body->node_component[node] < 0 && node < work->old_nodes &&
+            !work->change->node_at[node])
+            body->fixed[node] = 0;
+    }
 }
 
 static void sbi_live_follow_masses(sbi_live_following *work)
@@ -381,20 +401,79 @@ static void sbi_live_follow_masses(sbi_live_following *work)
         return;
     }
     for (int i = 0; i < out->made_cell_count; i++)
-        sbi_body_weigh_cell(body, out->made_cells[i]);
+        sbi_body_weigh_cell(body, out->made_cells[i], &work->rule);
     for (int i = 0; i < out->reshaped_cell_count; i++)
-        sbi_body_weigh_cell(body, out->reshaped_cells[i]);
-    sbi_live_each_node(work, sbi_live_sum_node_of);
-    sbi_live_each_node(work, sbi_live_unmark_node);
+        sbi_body_weigh_cell(body, out->reshaped_cells[i], &work->rule);
+    for (int k = 0; k < work->node_count; k++)
+        if (work->lists->nodes[k] < body->domain.node_count)
+            sbi_body_sum_node_mass(body, work->lists->nodes[k]);
 }
 
-/* Blocks in the rows of supports. */
-static void sbi_live_count_supports(sb_body *body)
+/* Blocks in the rows of those supports that the change may touch. */
+static int sbi_live_count_supports(const sbi_live_following *work)
 {
-    body->support_used = 0;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->fixed[i] && body->node_component[i] >= 0)
-            body->support_used += body->matrix.row_end[i] - body->matrix.row_start[i];
+    const sb_body *body = work->body;
+    int count = 0;
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k];
+        if (i < body->domain.node_count && body->fixed[i] && body->node_component[i] >= 0)
+            count += body->matrix.row_end[i] - body->matrix.row_start[i];
+    }
+    return count;
+}
+
+/* ---- parts and their boxes ---- */
+
+/* Nodes that go or move leave their box, while they are where they were. */
+static void sbi_live_leave_boxes(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    for (int i = 0; i < out->removed_node_count + out->moved_node_count; i++) {
+        int gone = out->removed_node_count, node = i < gone ? out->removed_nodes[i] : out->moved_nodes[i - gone];
+        if (node < work->old_nodes && body->node_component[node] >= 0)
+            sbi_body_leave_box(body, body->node_component[node], body->reference[node]);
+    }
+}
+
+/* Number of the part of a node that the matrix has, or -1: it is in no cell. */
+static int sbi_live_component(const sb_body *body, int node)
+{
+    const sbi_matrix_live *live = body->matrix.live;
+    int part = live->part_of[node];
+    return part == live->alone_part ? -1 : part - (live->alone_part >= 0 && part > live->alone_part);
+}
+
+/* Parts and boxes as sbi_body_label_nodes gives them, from the nodes that the change is about alone, unless parts got
+ * other numbers or a box has lost all nodes of a side. */
+static void sbi_live_label_changed(const sbi_live_following *work)
+{
+    const sb_mesh_change *out = work->out;
+    sb_body *body = work->body;
+    int right = 1;
+    if (body->matrix.live->renumbered) {
+        sbi_body_label_nodes(body);
+        return;
+    }
+    body->component_count = body->matrix.part_count - (body->matrix.live->alone_part >= 0);
+    for (int i = 0; i < out->moved_node_count; i++)
+        if (body->node_component[out->moved_nodes[i]] >= 0)
+            sbi_body_enter_box(body, body->node_component[out->moved_nodes[i]], body->reference[out->moved_nodes[i]]);
+    for (int k = 0; k < work->node_count; k++) {
+        int i = work->lists->nodes[k], old;
+        if (i >= body->domain.node_count)
+            continue;
+        old = body->node_component[i];
+        body->node_component[i] = sbi_live_component(body, i);
+        if (body->node_component[i] < 0)
+            body->fixed[i] = SB_XYZ;
+        else if (old < 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
+    }
+    for (int c = 0; c < body->component_count; c++)
+        right &= sbi_body_box_is_right(body, c);
+    if (!right)
+        sbi_body_make_boxes(body);
 }
 
 /* Rotations and memory of cells made without a parent. */
@@ -414,14 +493,16 @@ static void sbi_live_follow_all(sbi_live_following *work)
 {
     const sb_mesh_change *out = work->out;
     sb_body *body = work->body;
+    int supports = sbi_live_count_supports(work);
+    sbi_live_leave_boxes(work);
     sbi_live_follow_nodes_of_body(work);
     sbi_live_follow_cells_of_body(work);
     sbi_domain_follow(&body->domain, out, body->reference);
-    sbi_matrix_follow(&body->matrix, out, NULL);
+    sbi_matrix_follow(&body->matrix, out);
     sbi_assembly_follow(&body->assembly, &body->matrix, out);
-    sbi_live_each_node(work, sbi_live_wake_node);
-    sbi_body_label_nodes(body);
-    sbi_live_count_supports(body);
+    sbi_live_wake_nodes(work);
+    sbi_live_label_changed(work);
+    body->support_used += sbi_live_count_supports(work) - supports;
     sbi_live_follow_masses(work);
     sbi_precond_follow(body->precond, &body->matrix, body->reference);
     body->pcg.row_count = body->domain.node_count;

@@ -198,6 +198,45 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     return SB_OK;
 }
 
+/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6] zeros. */
+static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
+{
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int c = body->node_component[i];
+        sb_vec3 x = body->reference[i], low, high;
+        if (c >= body->component_count)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is in part %d of %d", i, c, body->component_count);
+        if (c < 0)
+            continue;
+        low = body->component_low[c], high = body->component_high[c];
+        if (x.x < low.x || x.y < low.y || x.z < low.z || x.x > high.x || x.y > high.y || x.z > high.z)
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "node %d is outside the box of part %d", i, c);
+        sides[c][0] += x.x == low.x, sides[c][1] += x.y == low.y, sides[c][2] += x.z == low.z;
+        sides[c][3] += x.x == high.x, sides[c][4] += x.y == high.y, sides[c][5] += x.z == high.z;
+    }
+    for (int c = 0; c < body->component_count; c++)
+        if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
+            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts", c);
+    return SB_OK;
+}
+
+/* Parts, their boxes, and the count of the supports' blocks. */
+static sb_result sbi_live_check_parts(const sb_body *body, sb_error *error)
+{
+    int(*sides)[6] = (int(*)[6])sbi_alloc_zeroed(&body->allocator, (size_t)body->component_count + 1, sizeof *sides);
+    int blocks = 0;
+    sb_result result = sides ? sbi_live_check_boxes(body, sides, error)
+                             : sbi_fail(error, SB_ERROR_MEMORY, "no memory to check %d parts", body->component_count);
+    sbi_free(&body->allocator, sides);
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->fixed[i] && body->node_component[i] >= 0)
+            blocks += body->matrix.row_end[i] - body->matrix.row_start[i];
+    if (result == SB_OK && blocks != body->support_used)
+        result = sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks,
+                          body->support_used);
+    return result;
+}
+
 SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 {
     sb_result result = SB_OK;
@@ -235,6 +274,8 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
     if (result == SB_OK && used != listed)
         result = sbi_fail(error, SB_ERROR_STATE, "the lists of cells by node hold %lu corners of %lu",
                           (unsigned long)listed, (unsigned long)used);
+    if (result == SB_OK)
+        result = sbi_live_check_parts(body, error);
     if (result == SB_OK)
         result = sbi_matrix_check_live(&body->matrix, error);
     sbi_free(&body->allocator, mass);

@@ -46,6 +46,7 @@ typedef struct sbi_live {
     void *lists;              /* behind the lists of a change while it is made */
     size_t list_bytes;
     int version;
+    int rebuilds;             /* times that a change made a body anew, or tried to: for tests */
     sb_body_change *open;     /* the change under way, or NULL */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
@@ -64,6 +65,8 @@ typedef struct sbi_live_mesh {
     void *memory;
 } sbi_live_mesh;
 
+/* The error of a node that a change leaves without a cell; made: by this change. */
+SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
 SBI_API void sbi_live_destroy(sb_body *body);

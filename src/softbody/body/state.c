@@ -184,10 +184,22 @@ static int sbi_state_bulk(sbi_state_walk *walk, void *array, size_t count, size_
     if (walk->pass == SBI_STATE_HASH || walk->pass == SBI_STATE_CHECK || walk->result != SB_OK ||
         !sbi_state_is_little_endian())
         return 0;
-    if (walk->pass == SBI_STATE_WRITE)
+    if (walk->pass == SBI_STATE_WRITE && count)
         memcpy(walk->out + walk->used, array, count * size);
-    if (walk->pass == SBI_STATE_READ)
+    if (walk->pass == SBI_STATE_READ && count)
         memcpy(array, walk->in + walk->used, count * size);
+    walk->overflow |= !sbi_size_add(&walk->used, count, size);
+    return 1;
+}
+
+/* In passes over a body: steps past so many bytes at once and says where they are to be written, or *out NULL. 0: they
+ * have to be passed number by number, as above. */
+static int sbi_state_place(sbi_state_walk *walk, size_t count, size_t size, unsigned char **out)
+{
+    size_t at = walk->used;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, NULL, 0, 1))
+        return 0;
+    *out = walk->pass == SBI_STATE_WRITE ? walk->out + at : NULL;
     walk->overflow |= !sbi_size_add(&walk->used, count, size);
     return 1;
 }
@@ -533,9 +545,12 @@ static void sbi_state_supports(sb_body *body, sbi_state_walk *walk)
 {
     const sb_matrix *matrix = sbi_state_matrix(body, walk);
     int needed = 0;
+    int count = body->domain.node_count;
     if (walk->pass == SBI_STATE_CHECK)
         walk->fixed = walk->in + walk->used;
-    for (int i = 0; i < body->domain.node_count && walk->result == SB_OK; i++) {
+    if (!sbi_state_is_image(walk) && sbi_state_bulk(walk, body->fixed, (size_t)count, 1))
+        count = 0;
+    for (int i = 0; i < count && walk->result == SB_OK; i++) {
         int lonely = body->node_component[i] < 0;
         int fixed = (int)sbi_state_word(walk, body->fixed[i], 1);
         if (sbi_state_checks(walk) && (fixed > SB_XYZ || (lonely && fixed != SB_XYZ)))
@@ -980,6 +995,20 @@ static sb_real *sbi_state_batch_quat(const sbi_assembly *assembly, int cell)
     return assembly->batch_quats + (size_t)(cell / SB_POLAR_LANES) * 4 * SB_POLAR_LANES + cell % SB_POLAR_LANES;
 }
 
+/* All of them in passes over a body; 0: one by one. */
+static int sbi_state_give_quats(sbi_state_walk *walk, const sbi_assembly *assembly, int cells)
+{
+    unsigned char *out;
+    if (!sbi_state_place(walk, (size_t)cells, sizeof(sb_quat), &out))
+        return 0;
+    for (int e = 0; out && e < cells; e++, out += sizeof(sb_quat)) {
+        const sb_real *at = sbi_state_batch_quat(assembly, e);
+        sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
+        memcpy(out, &q, sizeof q);
+    }
+    return 1;
+}
+
 /* Warm starts. Both kinds where there are both: a change of material makes the body go over to the other one. What
  * the batched loops keep beside them (assembly.rotated) is made anew by each step before it is read. */
 static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
@@ -994,7 +1023,9 @@ static void sbi_state_rotations(sb_body *body, sbi_state_walk *walk)
             if (walk->pass == SBI_STATE_READ)
                 *at = q;
         }
-    for (int e = 0; assembly->batch_quats && e < cells && walk->result == SB_OK; e++) {
+    if (!assembly->batch_quats || sbi_state_give_quats(walk, assembly, cells))
+        return;
+    for (int e = 0; e < cells && walk->result == SB_OK; e++) {
         sb_real *at = sbi_state_batch_quat(assembly, e);
         sb_quat q = sb_quat_make(at[0], at[SB_POLAR_LANES], at[2 * SB_POLAR_LANES], at[3 * SB_POLAR_LANES]);
         if (!sbi_state_bulk(walk, &q, 1, sizeof q))
@@ -1101,15 +1132,17 @@ static void sbi_state_slot_stack(sbi_state_walk *walk, sbi_slots *slots)
 /* Places and cells of the body's own mesh, given away at once; 0: not in this pass. */
 static int sbi_state_put_mesh(sbi_state_walk *walk, const sbi_live_mesh *mesh, int n)
 {
-    size_t corners = (size_t)n * sizeof(int);
-    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)))
+    size_t corners = (size_t)n * sizeof(int), size = sizeof(sb_real) + sizeof(int) + corners;
+    unsigned char *out;
+    if (sbi_state_is_image(walk) || !sbi_state_bulk(walk, mesh->positions, (size_t)mesh->nodes.end, sizeof(sb_vec3)) ||
+        !sbi_state_place(walk, (size_t)mesh->cells.end, size, &out))
         return 0;
-    if (walk->pass == SBI_STATE_MEASURE)
-        return sbi_state_bulk(walk, NULL, (size_t)mesh->cells.end, sizeof(sb_real) + sizeof(int) + corners);
-    for (int e = 0; e < mesh->cells.end; e++) {
-        (void)sbi_state_bulk(walk, mesh->shares + e, 1, sizeof(sb_real));
-        (void)sbi_state_bulk(walk, mesh->material + e, 1, sizeof(int));
-        (void)sbi_state_bulk(walk, mesh->corners + (size_t)e * (size_t)n, 1, corners);
+    for (int e = 0; out && e < mesh->cells.end; e++, out += size) {
+        memcpy(out, mesh->shares + e, sizeof(sb_real));
+        memcpy(out + sizeof(sb_real), mesh->material + e, sizeof(int));
+        for (int k = 0; k < n; k++)
+            memcpy(out + sizeof(sb_real) + (size_t)(k + 1) * sizeof(int), mesh->corners + (size_t)e * (size_t)n + k,
+                   sizeof(int));
     }
     return 1;
 }

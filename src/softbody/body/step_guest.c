@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "../solve/sparse_live.h"
 #include "step_private.h"
 
 /* ---- begin ---- */
@@ -126,6 +127,7 @@ SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts)
     const sb_vec3 zero = sb_v3(0, 0, 0);
     for (int i = 0; i < b->domain.node_count; i++)
         rest[i] = sbi_body_pick_axes(sbi_body_held(b, i), zero, sb_v3_scale(-1, residual[i]));
+    sbi_matrix_list_parts(parts);
     for (int c = 0; parts->part_count > 1 && c < parts->part_count; c++)
         for (int k = parts->part_start[c]; k < parts->part_start[c + 1]; k++)
             space->part_of[parts->part_rows[k]] = c;

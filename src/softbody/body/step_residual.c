@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "../solve/sparse_live.h"
 #include "load.h"
 #include "step_private.h"
 
@@ -35,7 +36,9 @@ static sb_real sbi_step_norm(const sb_body *body, const sb_vec3 *a, sbi_step_axe
 /* Connected parts: those of the matrix that is solved, where ties join what they tie. */
 static const sb_matrix *sbi_step_parts(const sb_body *body)
 {
-    return body->elimination ? &body->elimination->matrix : &body->matrix;
+    const sb_matrix *parts = body->elimination ? &body->elimination->matrix : &body->matrix;
+    sbi_matrix_list_parts(parts);
+    return parts;
 }
 
 /* The same of one part's nodes. */

@@ -202,6 +202,7 @@ static void sbi_assembly_chunk(void *user, int index);
 static int sbi_assembly_run(sbi_assembly_job *job)
 {
     sbi_assembly *assembly = job->assembly;
+    sbi_assembly_settle_colours(assembly);
     for (int colour = 0; colour < assembly->colour_count; colour++) {
         int first = assembly->colour_start[colour];
         job->chunks = assembly->colour_chunks + first;

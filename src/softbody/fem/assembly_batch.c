@@ -211,6 +211,23 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
+/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them would
+ * otherwise read and write memory for each product. */
+
+/* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
+SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
+                                           const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int i,
+                                           sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+{
+    for (int a = 0; a + 3 <= n - 1; a += 3, d += 9, g += 9)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real d0 = d[i][l], d1 = d[3 + i][l], d2 = d[6 + i][l];
+            f[0][l] = f[0][l] + d0 * g[0][l] + d1 * g[3][l] + d2 * g[6][l];
+            f[1][l] = f[1][l] + d0 * g[1][l] + d1 * g[4][l] + d2 * g[7][l];
+            f[2][l] = f[2][l] + d0 * g[2][l] + d1 * g[5][l] + d2 * g[8][l];
+        }
+}
+
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
                                             const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
@@ -219,11 +236,8 @@ SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_PO
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
             f[k][l] = k % 4 == 0 ? (sb_real)rest : (sb_real)0;
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                for (int l = 0; l < SB_POLAR_LANES; l++)
-                    f[3 * i + j][l] += d[3 * a + i][l] * g[3 * a + j][l];
+    for (int i = 0; i < 3; i++)
+        sbi_batch_deform_row(d, g, n, i, f + 3 * i);
 }
 
 /* Stress w P = 2 w mu (F - R) + w lambda (tr(R^T F) - 3) R, in place of F. */
@@ -231,15 +245,21 @@ SBI_FORCE_INLINE void sbi_batch_stress(const sb_real (*SB_RESTRICT r)[SB_POLAR_L
                                        const sb_real *SB_RESTRICT lambda, const sb_real *SB_RESTRICT mu,
                                        sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
-    sb_real trace[SB_POLAR_LANES];
-    for (int l = 0; l < SB_POLAR_LANES; l++)
-        trace[l] = -3;
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            trace[l] += r[k][l] * f[k][l];
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < SB_POLAR_LANES; l++)
-            f[k][l] = 2 * mu[l] * (f[k][l] - r[k][l]) + lambda[l] * trace[l] * r[k][l];
+    sb_real twice[SB_POLAR_LANES], pressure[SB_POLAR_LANES];
+    for (int l = 0; l < SB_POLAR_LANES; l++) {
+        sb_real trace = -3;
+        trace = trace + r[0][l] * f[0][l] + r[1][l] * f[1][l] + r[2][l] * f[2][l];
+        trace = trace + r[3][l] * f[3][l] + r[4][l] * f[4][l] + r[5][l] * f[5][l];
+        trace = trace + r[6][l] * f[6][l] + r[7][l] * f[7][l] + r[8][l] * f[8][l];
+        twice[l] = 2 * mu[l];
+        pressure[l] = lambda[l] * trace;
+    }
+    for (int k = 0; k < 9; k += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            f[k][l] = twice[l] * (f[k][l] - r[k][l]) + pressure[l] * r[k][l];
+            f[k + 1][l] = twice[l] * (f[k + 1][l] - r[k + 1][l]) + pressure[l] * r[k + 1][l];
+            f[k + 2][l] = twice[l] * (f[k + 2][l] - r[k + 2][l]) + pressure[l] * r[k + 2][l];
+        }
 }
 
 /* out[3 a + i] += sum_j m[3 i + j] g[3 a + j]: the 3x3 matrix m applied to the gradients of nodes a >= 1. */
@@ -247,13 +267,16 @@ SBI_FORCE_INLINE void sbi_batch_apply(const sb_real (*SB_RESTRICT m)[SB_POLAR_LA
                                       const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int add,
                                       sb_real (*SB_RESTRICT out)[SB_POLAR_LANES])
 {
-    for (int a = 0; a < n - 1; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real sum = m[3 * i][l] * g[3 * a][l] + m[3 * i + 1][l] * g[3 * a + 1][l] +
-                              m[3 * i + 2][l] * g[3 * a + 2][l];
-                out[3 * a + i][l] = add ? out[3 * a + i][l] + sum : sum;
-            }
+    for (int a = 0; a < n - 1; a++, g += 3, out += 3)
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = m[0][l] * g0 + m[1][l] * g1 + m[2][l] * g2;
+            sb_real y = m[3][l] * g0 + m[4][l] * g1 + m[5][l] * g2;
+            sb_real z = m[6][l] * g0 + m[7][l] * g1 + m[8][l] * g2;
+            out[0][l] = add ? out[0][l] + x : x;
+            out[1][l] = add ? out[1][l] + y : y;
+            out[2][l] = add ? out[2][l] + z : z;
+        }
 }
 
 /* Adds the forces of a batch to its nodes; node 0 has what makes their sum nothing. */
@@ -542,8 +565,9 @@ SBI_FORCE_INLINE void sbi_batch_rotations(const sbi_assembly *assembly, int batc
         sbi_batch_load_quats(assembly, batch, p, q, quats);
     for (int l = 0; l < SB_POLAR_LANES; l++) {
         sb_mat3 m = sbi_quat_to_scaled_mat3(sb_quat_make(quats[0][l], quats[1][l], quats[2][l], quats[3][l]));
-        for (int k = 0; k < 9; k++)
-            r[k][l] = m.m[k / 3][k % 3];
+        r[0][l] = m.m[0][0], r[1][l] = m.m[0][1], r[2][l] = m.m[0][2];
+        r[3][l] = m.m[1][0], r[4][l] = m.m[1][1], r[5][l] = m.m[1][2];
+        r[6][l] = m.m[2][0], r[7][l] = m.m[2][1], r[8][l] = m.m[2][2];
     }
 }
 
@@ -610,14 +634,17 @@ SBI_FORCE_INLINE void sbi_batch_rotate_gradients(const sbi_assembly *assembly, i
         for (int l = 0; l < SB_POLAR_LANES; l++)
             r[k][l] *= scale[l];
     memset(sum, 0, sizeof sum);
-    for (int a = 1; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < SB_POLAR_LANES; l++) {
-                sb_real turned = r[3 * i][l] * g[3 * a - 3][l] + r[3 * i + 1][l] * g[3 * a - 2][l] +
-                                 r[3 * i + 2][l] * g[3 * a - 1][l];
-                h[3 * (q * a + p) + i][l] = turned;
-                sum[i][l] -= turned;
-            }
+    for (int a = 1; a < n; a++, g += 3) {
+        sb_real(*to)[SB_POLAR_LANES] = h + 3 * (q * a + p);
+        for (int l = 0; l < SB_POLAR_LANES; l++) {
+            sb_real g0 = g[0][l], g1 = g[1][l], g2 = g[2][l];
+            sb_real x = r[0][l] * g0 + r[1][l] * g1 + r[2][l] * g2;
+            sb_real y = r[3][l] * g0 + r[4][l] * g1 + r[5][l] * g2;
+            sb_real z = r[6][l] * g0 + r[7][l] * g1 + r[8][l] * g2;
+            to[0][l] = x, to[1][l] = y, to[2][l] = z;
+            sum[0][l] -= x, sum[1][l] -= y, sum[2][l] -= z;
+        }
+    }
     memcpy(h + 3 * p, sum, sizeof sum);
 }
 
@@ -677,14 +704,45 @@ SBI_FORCE_INLINE sbi_batch_row sbi_batch_madd(sbi_batch_row sum, sb_real a, sbi_
 SBI_FORCE_INLINE sbi_batch_row sbi_batch_add(sbi_batch_row a, sbi_batch_row b) { return sb_v3_add(a, b); }
 #endif
 
-/* s = sum over the points of a cell of h_a h_b^T. */
-SBI_FORCE_INLINE void sbi_batch_outer(const sb_real *a, const sb_real *b, const int q, sbi_batch_row *s)
+/* A block by its rows. By names: compilers that do not unroll keep an array of rows in memory, at twice the time. */
+typedef struct sbi_batch_sum {
+    sbi_batch_row r0, r1, r2;
+} sbi_batch_sum;
+
+/* One point's h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer_point(const sb_real *a, const sb_real *b)
 {
-    for (int i = 0; i < 3; i++)
-        s[i] = sbi_batch_scale(a[i], b);
+    sbi_batch_sum s;
+    s.r0 = sbi_batch_scale(a[0], b);
+    s.r1 = sbi_batch_scale(a[1], b);
+    s.r2 = sbi_batch_scale(a[2], b);
+    return s;
+}
+
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_add_sum(sbi_batch_sum a, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_add(a.r0, b.r0);
+    a.r1 = sbi_batch_add(a.r1, b.r1);
+    a.r2 = sbi_batch_add(a.r2, b.r2);
+    return a;
+}
+
+/* a + factor b */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_madd_sum(sbi_batch_sum a, sb_real factor, sbi_batch_sum b)
+{
+    a.r0 = sbi_batch_madd(a.r0, factor, b.r0);
+    a.r1 = sbi_batch_madd(a.r1, factor, b.r1);
+    a.r2 = sbi_batch_madd(a.r2, factor, b.r2);
+    return a;
+}
+
+/* Sum over the points of a cell of h_a h_b^T. */
+SBI_FORCE_INLINE sbi_batch_sum sbi_batch_outer(const sb_real *a, const sb_real *b, const int q)
+{
+    sbi_batch_sum s = sbi_batch_outer_point(a, b);
     for (int p = 1; p < q; p++)
-        for (int i = 0; i < 3; i++)
-            s[i] = sbi_batch_add(s[i], sbi_batch_scale(a[3 * p + i], b + 3 * p));
+        s = sbi_batch_add_sum(s, sbi_batch_outer_point(a + 3 * p, b + 3 * p));
+    return s;
 }
 
 /* What the loops over blocks know when they are compiled. */
@@ -696,18 +754,24 @@ typedef struct sbi_batch_kind {
 
 /* s += S of a cell and two of its nodes; l += its lambda / mu times that, where cells differ in it. */
 SBI_FORCE_INLINE void sbi_batch_add_pair(const sbi_assembly *assembly, int pair, const sbi_batch_kind kind,
-                                         sbi_batch_row *s, sbi_batch_row *l)
+                                         sbi_batch_sum *s, sbi_batch_sum *l)
 {
     size_t e = (size_t)(pair >> 2 * SBI_PAIR_NODE_BITS);
     const int q = kind.q;
     const sb_real *h = assembly->rotated + e * (size_t)(3 * kind.n * q);
-    sbi_batch_row t[3];
-    sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q, t);
-    for (int i = 0; i < 3; i++) {
-        s[i] = sbi_batch_add(s[i], t[i]);
-        if (kind.mixed)
-            l[i] = sbi_batch_madd(l[i], assembly->ratios[e], t[i]);
-    }
+    sbi_batch_sum t = sbi_batch_outer(h + 3 * q * (pair >> SBI_PAIR_NODE_BITS & 15), h + 3 * q * (pair & 15), q);
+    *s = sbi_batch_add_sum(*s, t);
+    if (kind.mixed)
+        *l = sbi_batch_madd_sum(*l, assembly->ratios[e], t);
+}
+
+/* Row i of factor (l + s^T + trace I): of l and of s the i-th row and column, and the trace in its place. */
+SBI_FORCE_INLINE void sbi_batch_block_row(sb_real factor, sbi_batch_row l, sb_real s0, sb_real s1, sb_real s2,
+                                          sb_real t0, sb_real t1, sb_real t2, sb_real *out)
+{
+    out[0] = factor * (SBI_ROW_AT(l, 0) + s0 + t0);
+    out[1] = factor * (SBI_ROW_AT(l, 1) + s1 + t1);
+    out[2] = factor * (SBI_ROW_AT(l, 2) + s2 + t2);
 }
 
 /* The block of an edge. */
@@ -715,23 +779,24 @@ SBI_FORCE_INLINE void sbi_batch_block(const sbi_assembly *assembly, int k, const
                                       sb_real *out)
 {
     static const sb_real zeros[4] = {0, 0, 0, 0};
-    sbi_batch_row s[3], l[3];
+    sbi_batch_sum s, l;
     sb_real trace;
-    for (int i = 0; i < 3; i++)
-        s[i] = l[i] = sbi_batch_scale(0, zeros);
+    s.r0 = s.r1 = s.r2 = sbi_batch_scale(0, zeros);
+    l = s;
     if (kind.live)
         for (int pair = assembly->live->pair_first[k]; pair >= 0; pair = sbi_live_next_pair(assembly->live, pair))
-            sbi_batch_add_pair(assembly, pair, kind, s, l);
+            sbi_batch_add_pair(assembly, pair, kind, &s, &l);
     else
         for (int p = assembly->pair_start[k]; p < assembly->pair_start[k + 1]; p++)
-            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, s, l);
-    for (int i = 0; !kind.mixed && i < 3; i++)
-        l[i] = sbi_batch_madd(l[i], assembly->ratios[0], s[i]);
-    trace = SBI_ROW_AT(s[0], 0) + SBI_ROW_AT(s[1], 1) + SBI_ROW_AT(s[2], 2);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            out[3 * i + j] =
-                factor * (SBI_ROW_AT(l[i], j) + SBI_ROW_AT(s[j], i) + (i == j ? trace : (sb_real)0));
+            sbi_batch_add_pair(assembly, assembly->pairs[p], kind, &s, &l);
+    if (!kind.mixed)
+        l = sbi_batch_madd_sum(l, assembly->ratios[0], s);
+    trace = SBI_ROW_AT(s.r0, 0) + SBI_ROW_AT(s.r1, 1) + SBI_ROW_AT(s.r2, 2);
+    sbi_batch_block_row(factor, l.r0, SBI_ROW_AT(s.r0, 0), SBI_ROW_AT(s.r1, 0), SBI_ROW_AT(s.r2, 0), trace, 0, 0, out);
+    sbi_batch_block_row(factor, l.r1, SBI_ROW_AT(s.r0, 1), SBI_ROW_AT(s.r1, 1), SBI_ROW_AT(s.r2, 1), 0, trace, 0,
+                        out + 3);
+    sbi_batch_block_row(factor, l.r2, SBI_ROW_AT(s.r0, 2), SBI_ROW_AT(s.r1, 2), SBI_ROW_AT(s.r2, 2), 0, 0, trace,
+                        out + 6);
 }
 
 SBI_FORCE_INLINE void sbi_batch_upper_rows(const sbi_batch_job *job, int index, const int n, const int q,

@@ -21,6 +21,7 @@ static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size,
     live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
     live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
 }
 
 /* Zeroed arrays of the capacities in `live`; 0: no memory. */
@@ -396,8 +397,8 @@ static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_cha
         assembly->live->units[e / assembly->chunk_size] = -1;
         sbi_assembly_blank(assembly, e);
     }
-    for (int k = 0; k < change->removed_cell_count; k++)
-        if (change->removed_cells[k] < domain->cell_count)
+    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
+        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
             sbi_assembly_blank(assembly, change->removed_cells[k]);
     for (int k = 0; k < change->made_cell_count; k++) {
         int e = change->made_cells[k];
@@ -416,21 +417,39 @@ static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
     live->rows[live->row_count++] = i;
 }
 
+/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    const sb_domain *domain = assembly->domain;
+    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
+    for (int a = 0; a < 4; a++) {
+        if (now && now[a] == nodes[a])
+            assembly->live->kept[e] |= (unsigned char)(1 << a);
+        else
+            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+}
+
+static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++) {
+        if (!(assembly->live->kept[e] >> a & 1))
+            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+    assembly->live->kept[e] = 0;
+}
+
 /* Rings of the nodes, and the list of rows whose maps change. */
 static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
     live->row_count = 0;
-    for (int k = 0; k < 4 * change->removed_cell_count; k++) {
-        int node = change->removed_cell_nodes[k];
-        sbi_ring_remove(live, node, 4 * change->removed_cells[k / 4] + k % 4);
-        sbi_assembly_mark_row(live, node);
-    }
-    for (int k = 0; k < 4 * change->made_cell_count; k++) {
-        int node = change->made_cell_nodes[k];
-        sbi_ring_add(live, node, 4 * change->made_cells[k / 4] + k % 4);
-        sbi_assembly_mark_row(live, node);
-    }
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
     for (int k = 0; k < matrix->live->touched_count; k++)
         sbi_assembly_mark_row(live, matrix->live->touched[k]);
     for (int k = 0; k < live->row_count; k++) {
@@ -447,7 +466,7 @@ static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const in
         assembly->live->units[cells[k] / assembly->chunk_size] = -1;
 }
 
-/* Energy units and nodes of chunks with changed cells, and all colours. */
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
 static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
 {
     sbi_assembly_live *live = assembly->live;
@@ -457,10 +476,22 @@ static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_ch
     for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
         if (live->units[chunk] < 0) {
             sbi_assembly_weigh_chunk(assembly, chunk);
-            sbi_assembly_list_nodes(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
         }
     sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
     sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
 }
 
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)

@@ -3,7 +3,7 @@
  * The cells about a node are a ring of corners 4 e + a, and those that add to a block above the diagonal a ring of
  * pairs, both in ascending order of cells: sums form in one order whatever the history, that of a mesh whose lists are
  * made at once. A change sees to the rings of changed nodes and rows only. Chunks and colours are those of the cells'
- * slots; they are coloured anew by lists of their nodes, a few per cent of the next evaluation of forces. */
+ * slots; the first loop after a change colours them anew by lists of their nodes, a few per cent of its time. */
 #ifndef SB_ASSEMBLY_LIVE_H
 #define SB_ASSEMBLY_LIVE_H
 
@@ -21,9 +21,11 @@ typedef struct sbi_assembly_live {
     int *place, *last;     /* [node_capacity] scratch */
     int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
     unsigned char *marks;  /* [node_capacity] zeros between calls */
+    unsigned char *kept;   /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
     int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
-    int *chunk_node_count; /* [chunks] */
+    int *chunk_node_count; /* [chunks], -1: to be listed again */
+    int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
     sb_real *units;        /* [chunks] energy units of the chunks */
     sb_quat *inherited;    /* [inherited_capacity] rotations of parents */
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
@@ -45,6 +47,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 /* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
  * viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
+/* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);

@@ -103,6 +103,16 @@ static void sbi_domain_fill_mean(sb_domain *domain, int cell, int ordinary)
     }
 }
 
+static sb_result sbi_domain_refuse(int e, int point, sb_real det, sb_error *error)
+{
+    if (!(det > 0))
+        return sbi_fail_element(error, SB_ERROR_MESH, e,
+                                "element %d is inverted or flat at integration point %d (Jacobian %g)", e, point,
+                                (double)det);
+    return sbi_fail_element(error, SB_ERROR_MESH, e, /* the product of small numbers */
+                            "element %d is too small: nothing is left of its volume at integration point %d", e, point);
+}
+
 SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, const sb_vec3 *positions,
                                   const sb_real *shares, sb_error *error)
 {
@@ -124,17 +134,11 @@ SBI_API sb_result sbi_domain_fill(sb_domain *domain, sb_quadrature_kind kind, co
         for (int p = 0; p < q; p++) {
             size_t at = first + (size_t)p;
             sb_real det = sbi_domain_point(n, x, (const sb_real(*)[3])local[p], domain->gradients + at * values);
-            if (!(det > 0))
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is inverted or flat at integration point %d (Jacobian %g)", e, p,
-                                        (double)det);
             domain->weights[at] = det * weights[p];
             if (shares)
                 domain->weights[at] *= shares[e];
-            if (!(domain->weights[at] > 0)) /* the product of small numbers */
-                return sbi_fail_element(error, SB_ERROR_MESH, e,
-                                        "element %d is too small: nothing is left of its volume at integration point %d",
-                                        e, p);
+            if (!(det > 0) || !(domain->weights[at] > 0))
+                return sbi_domain_refuse(e, p, det, error);
         }
         if (domain->mean_point)
             sbi_domain_fill_mean(domain, e, q);
@@ -416,14 +420,16 @@ static void sbi_domain_shape(sb_domain *domain, int e, const sb_vec3 *positions,
     domain->weights[e] = share * (det * weights[0]);
 }
 
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share)
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], local[SB_MAX_ELEMENT_NODES][3];
-    sbi_element element = sbi_domain_element(domain);
-    sb_real gradients[12];
-    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
-    sbi_element_shape(element, points[0], NULL, local);
-    return share * (sbi_domain_point(4, x, (const sb_real(*)[3])local, gradients) * weights[0]) > 0;
+    return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
+}
+
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+{
+    if (sbi_domain_is_upright(rule, x, share))
+        return SB_OK;
+    return sbi_domain_refuse(e, 0, sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), error);
 }
 
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions)
@@ -470,6 +476,40 @@ static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind
         }
     }
     return volume;
+}
+
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule)
+{
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
+    sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
+    sbi_element element = sbi_domain_element(domain);
+    rule->count = sbi_element_quadrature(element, SB_QUADRATURE_MASS, points, rule->weights);
+    for (int p = 0; p < rule->count; p++) {
+        sbi_element_shape(element, points[p], shape, local);
+        memcpy(rule->shapes[p], shape, sizeof rule->shapes[p]);
+    }
+    memcpy(rule->slopes, local, sizeof rule->slopes);
+    sbi_element_quadrature(element, SB_QUADRATURE_STIFFNESS, points, weights);
+    rule->volume = weights[0];
+}
+
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4])
+{
+    sb_real det = sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)), volume = 0, trace = 0;
+    for (int a = 0; a < 4; a++)
+        masses[a] = load[a] = 0;
+    for (int p = 0; p < rule->count; p++) {
+        sb_real w = rule->weights[p] * det;
+        volume += w;
+        for (int a = 0; a < 4; a++) {
+            load[a] += w * rule->shapes[p][a];
+            masses[a] += w * rule->shapes[p][a] * rule->shapes[p][a];
+        }
+    }
+    for (int a = 0; a < 4; a++)
+        trace += masses[a];
+    for (int a = 0; a < 4; a++)
+        masses[a] = trace > 0 ? masses[a] * volume / trace : 0;
 }
 
 /* Leaves of a consistent mass its diagonal, scaled to the volume (HRZ). */

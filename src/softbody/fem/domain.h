@@ -90,8 +90,18 @@ SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_
 SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *change, sb_error *error);
 /* Cells and rest shapes after the change; positions [change->node_end] at rest (m), of cells with positive volumes. */
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
+/* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
+typedef struct sbi_tet_rule {
+    int count;                                   /* points of the mass */
+    sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
+    sb_real slopes[4][3];                        /* local gradients, the same at all points */
+    sb_real volume;                              /* weight of the one point of the stiffness */
+} sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
-SBI_API int sbi_domain_is_upright(const sb_domain *domain, const sb_vec3 x[4], sb_real share);
+SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
+/* The same of cell e, with the error of sbi_domain_fill. */
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error);
 SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 {
     const int *nodes = domain->cells + (size_t)cell * (size_t)domain->nodes_per_cell;
@@ -103,6 +113,9 @@ SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
  * have had less, else 0. */
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                     sb_real *mass, sb_real *volume_load);
+SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule);
+/* Lumped masses and int N_a dV (m^3) of a tet4 at x (m): the bits of sbi_element_mass. */
+SBI_API void sbi_domain_tet_masses(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real masses[4], sb_real load[4]);
 /* The least share of the mass that a node would have, were its cells full up to their stiffness, that lumping leaves it
  * with where cells have masses of their own. */
 #define SBI_LEAST_MASS ((sb_real)0.5)

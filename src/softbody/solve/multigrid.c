@@ -576,6 +576,7 @@ static int sbi_mg_watch_parts(sbi_multigrid *m, const sb_matrix *pattern)
     if (pattern->part_count < 2 || m->level_count < 2 || !m->levels[1].positions)
         return 1;
     part_of = (int *)sbi_alloc(&m->owned.allocator, 2 * most, sizeof(int));
+    sbi_matrix_list_parts(pattern);
     for (int c = 0; part_of && c < pattern->part_count; c++)
         for (int k = pattern->part_start[c]; k < pattern->part_start[c + 1]; k++)
             part_of[pattern->part_rows[k]] = c;

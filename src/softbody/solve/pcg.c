@@ -1,5 +1,6 @@
 /* pcg: conjugate gradients with fused vector loops. */
 #include "pcg.h"
+#include "sparse_live.h"
 
 #include <float.h>
 #include <math.h>
@@ -357,6 +358,7 @@ static void sbi_pcg_find_parts(sbi_pcg_state *s, int joint)
 {
     const sb_matrix *a = s->matrix;
     int chunks = 0;
+    sbi_matrix_list_parts(a);
     s->part_count = joint ? 1 : a->part_count;
     s->whole[0] = 0;
     s->whole[1] = a->row_count;

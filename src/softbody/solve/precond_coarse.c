@@ -268,20 +268,31 @@ static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a,
     SBI_LANES_PUT(sum[3], z0), SBI_LANES_PUT(sum[3] + 4, z1), SBI_LANES_PUT(sum[3] + 8, z2);
 }
 #else
+/* One row of the blocks at a time: what it sums stays in registers. */
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    memset(sum, 0, 4 * sizeof *sum);
-    for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
-        const sb_real *block = a->blocks[c->entry_blocks[s]];
-        const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
-        for (int r = 0; r < 3; r++)
-            for (int k = 0; k < 3; k++) {
-                sb_real value = block[3 * r + k];
-                sum[0][4 * r + k] += value;
-                sum[1][4 * r + k] += value * arm[0];
-                sum[2][4 * r + k] += value * arm[1];
-                sum[3][4 * r + k] += value * arm[2];
-            }
+    int begin = c->entry_start[e], end = c->entry_start[e + 1];
+    int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
+    for (int s = begin; s < end; s++) {
+        int later = c->entry_blocks[sbi_min_int(s + SBI_PRECOND_AHEAD, last)];
+        SBI_PREFETCH(a->blocks[later], 0); /* blocks of a piece lie in many places */
+        SBI_PREFETCH(a->blocks[later], 64);
+    }
+    for (int r = 0; r < 3; r++) {
+        sb_vec3 p = sb_v3(0, 0, 0), x = p, y = p, z = p;
+        for (int s = begin; s < end; s++) {
+            const sb_real *row = a->blocks[c->entry_blocks[s]] + 3 * r;
+            const sb_real *arm = c->places + 4 * (size_t)a->columns[c->entry_blocks[s]];
+            sb_vec3 value = sb_v3(row[0], row[1], row[2]);
+            p = sb_v3_add(p, value);
+            x = sb_v3_madd(x, arm[0], value);
+            y = sb_v3_madd(y, arm[1], value);
+            z = sb_v3_madd(z, arm[2], value);
+        }
+        sum[0][4 * r] = p.x, sum[0][4 * r + 1] = p.y, sum[0][4 * r + 2] = p.z;
+        sum[1][4 * r] = x.x, sum[1][4 * r + 1] = x.y, sum[1][4 * r + 2] = x.z;
+        sum[2][4 * r] = y.x, sum[2][4 * r + 1] = y.y, sum[2][4 * r + 2] = y.z;
+        sum[3][4 * r] = z.x, sum[3][4 * r + 1] = z.y, sum[3][4 * r + 2] = z.z;
     }
 }
 #endif
@@ -536,21 +547,28 @@ SBI_API void sbi_precond_correct(const sbi_precond_job *job)
     sbi_run(&job->p->jobs, sbi_precond_prolong_task, &mine, job->p->coarse.piece_count);
 }
 
-/* to -= A Z solution. Pieces share nodes, so that this is one thread's; it reads what one task of the restriction does. */
+/* to -= A Z solution, which is rounded as all else that the smoother gets. Pieces share nodes, so that this is one
+ * thread's; it reads what one task of the restriction does. */
 static void sbi_precond_subtract_coupling(const sbi_precond_job *job, sb_real *to)
 {
     const sbi_precond_coarse *c = &job->p->coarse;
-    double back = 1 / job->scale;
+    const float *rows = c->coupling;
+    sb_real back = (sb_real)(1 / job->scale);
     for (int piece = 0; piece < c->piece_count; piece++) {
         const double *s = c->solution + 6 * piece;
-        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++) {
-            const float *rows = c->coupling + 24 * (size_t)e;
+        sbi_float4 shift = sbi_f4_make((float)s[0], (float)s[1], (float)s[2]);
+        sbi_float4 turn = sbi_f4_make((float)s[3], (float)s[4], (float)s[5]);
+        for (int e = c->piece_entry[piece]; e < c->piece_entry[piece + 1]; e++, rows += 24) {
             sb_real *out = to + 3 * (size_t)c->entry_node[e];
-            for (int r = 0; r < 3; r++, rows += 4) {
-                double shift = (double)rows[0] * s[0] + (double)rows[1] * s[1] + (double)rows[2] * s[2];
-                double turn = (double)rows[12] * s[3] + (double)rows[13] * s[4] + (double)rows[14] * s[5];
-                out[r] -= (sb_real)((shift + turn) * back);
-            }
+            sbi_float4 x = sbi_f4_mul(sbi_f4_load(rows), shift), y = sbi_f4_mul(sbi_f4_load(rows + 4), shift);
+            sbi_float4 z = sbi_f4_mul(sbi_f4_load(rows + 8), shift), sum;
+            x = sbi_f4_add(x, sbi_f4_mul(sbi_f4_load(rows + 12), turn));
+            y = sbi_f4_add(y, sbi_f4_mul(sbi_f4_load(rows + 16), turn));
+            z = sbi_f4_add(z, sbi_f4_mul(sbi_f4_load(rows + 20), turn));
+            sum = sbi_f4_sums(x, y, z);
+            out[0] -= (sb_real)SBI_F4(sum, 0) * back;
+            out[1] -= (sb_real)SBI_F4(sum, 1) * back;
+            out[2] -= (sb_real)SBI_F4(sum, 2) * back;
         }
     }
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "precond_private.h"
+#include "sparse_live.h"
 
 /* ---- along an axis ------------------------------------------------------------------------------------- */
 
@@ -283,6 +284,7 @@ SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions
     m.start = m.touching + rows;
     m.centres = centres;
     memset(m.touching, 0, rows * sizeof(int));
+    sbi_matrix_list_parts(a);
     memcpy(nodes, a->part_rows, rows * sizeof(int));
     for (int c = 0; c < a->part_count; c++)
         sbi_piece_make_part(&m, a->part_start[c], a->part_start[c + 1], pieces);

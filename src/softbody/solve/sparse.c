@@ -199,7 +199,7 @@ SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of)
     sbi_sparse_list_parts(matrix, part_of);
 }
 
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of)
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of)
 {
     int rows = matrix->row_count;
     memset(matrix->part_start, 0, ((size_t)matrix->part_count + 1) * sizeof(int));
@@ -274,6 +274,7 @@ static void sbi_matrix_free_live(sb_matrix *matrix)
     sbi_free(&matrix->allocator, matrix->live->row_memory);
     sbi_free(&matrix->allocator, matrix->live->pool_memory);
     sbi_free(&matrix->allocator, matrix->live->keys);
+    sbi_free(&matrix->allocator, matrix->live->pairs);
     sbi_free(&matrix->allocator, matrix->live);
     matrix->live = NULL;
 }

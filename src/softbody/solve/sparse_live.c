@@ -4,6 +4,8 @@
 #include <limits.h>
 #include <string.h>
 
+enum { SBI_LIVE_LOSER = 2 }; /* mark of a row that lost a coupling in the change at hand */
+
 /* ---- memory -------------------------------------------------------------------------------------------- */
 
 /* Takes the arrays of rows from the arena, measuring or for real. */
@@ -15,6 +17,7 @@ static void sbi_live_layout_rows(sb_matrix *matrix, sbi_matrix_live *live, size_
     matrix->diagonal = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_rows = (int *)sbi_arena_take(arena, rows, sizeof(int));
     matrix->part_start = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    live->part_first = (int *)sbi_arena_take(arena, parts, sizeof(int));
     live->room = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->touched = (int *)sbi_arena_take(arena, rows, sizeof(int));
     live->part_of = (int *)sbi_arena_take(arena, rows, sizeof(int));
@@ -70,6 +73,7 @@ static void sbi_live_copy_rows(const sb_matrix *from, const sbi_matrix_live *old
         return;
     memcpy(live->room, old->room, ints);
     memcpy(live->part_of, old->part_of, ints);
+    memcpy(live->part_first, old->part_first, (size_t)from->part_count * sizeof(int));
     memcpy(live->in_use, old->in_use, (size_t)from->row_count);
 }
 
@@ -127,12 +131,7 @@ SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix) { return matrix->li
 
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix)
 {
-    int count = 0;
-    if (!matrix->live)
-        return matrix->block_count;
-    for (int i = 0; i < matrix->row_count; i++)
-        count += matrix->row_end[i] - matrix->row_start[i];
-    return count;
+    return matrix->live ? matrix->live->used_blocks : matrix->block_count;
 }
 
 /* ---- places of the pool --------------------------------------------------------------------------------- */
@@ -205,15 +204,21 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
     matrix->columns[matrix->row_start[i]] = i;
     matrix->row_end[i] = matrix->row_start[i] + 1;
     matrix->fixed[i] = 0;
+    matrix->live->used_blocks++;
+    matrix->live->alone_count++;
     matrix->live->in_use[i] = 0;
     matrix->live->part_of[i] = -1;
 }
 
+static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
+
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
     if (!live->marks[i]) {
         live->marks[i] = 1;
+        live->alone_count -= sbi_live_is_alone(matrix, i);
         live->lost[i] = i;
         live->touched[live->touched_count++] = i;
     }
@@ -277,99 +282,169 @@ static void sbi_live_pack(sb_matrix *matrix)
         sbi_live_touch(matrix, i);
 }
 
-/* ---- the plan: new couplings ----------------------------------------------------------------------------- */
+/* ---- the plan: couplings that change --------------------------------------------------------------------- */
 
-static int sbi_live_key_is_before(sbi_live_key a, sbi_live_key b)
+/* Adds to what a pair of nodes changes by; of most pairs of a changed cell nothing is left in the end. */
+static void sbi_live_plan_pair(sbi_matrix_live *live, int i, int j, int uses)
 {
-    return a.row < b.row || (a.row == b.row && a.column < b.column);
-}
-
-/* By row and column; Shell's sort, with gaps of Ciura. */
-static void sbi_live_sort_keys(sbi_live_key *keys, int count)
-{
-    static const int gaps[] = {3548, 1577, 701, 301, 132, 57, 23, 10, 4, 1};
-    for (size_t g = 0; g < sizeof gaps / sizeof gaps[0]; g++) {
-        int gap = gaps[g];
-        for (int k = gap; k < count; k++) {
-            sbi_live_key key = keys[k];
-            int at = k;
-            for (; at >= gap && sbi_live_key_is_before(key, keys[at - gap]); at -= gap)
-                keys[at] = keys[at - gap];
-            keys[at] = key;
-        }
-    }
-}
-
-/* Plans the coupling of two nodes, unless the pattern has it. */
-static void sbi_live_plan_pair(sb_matrix *matrix, int i, int j)
-{
-    sbi_matrix_live *live = matrix->live;
-    if (i == j || sb_matrix_find(matrix, i, j) >= 0)
+    int low = sbi_min_int(i, j), high = sbi_max_int(i, j), at = live->held[low];
+    sbi_live_pair *pair;
+    if (i == j)
         return;
-    for (int flip = 0; flip < 2; flip++) {
-        sbi_live_key *key = live->keys + live->key_count++;
-        key->row = flip ? j : i;
-        key->column = flip ? i : j;
-        key->uses = 1;
+    while (at >= 0 && live->pairs[at].high != high)
+        at = live->pairs[at].next;
+    if (at >= 0) {
+        live->pairs[at].uses += uses;
+        return;
     }
+    pair = live->pairs + live->pair_count;
+    pair->low = low;
+    pair->high = high;
+    pair->uses = uses;
+    pair->next = live->held[low];
+    live->held[low] = live->pair_count++;
 }
 
-/* Sorts the plan and makes one of several keys of a coupling. */
-static void sbi_live_merge_keys(sbi_matrix_live *live)
+/* The same for all pairs of cells, but, with `marked` 0, those of marked nodes. */
+static void sbi_live_plan_cells(sbi_matrix_live *live, int count, int n, const int *cells, int uses, int marked)
 {
-    int count = 0;
-    sbi_live_sort_keys(live->keys, live->key_count);
-    for (int k = 0; k < live->key_count; k++)
-        if (count > 0 && !sbi_live_key_is_before(live->keys[count - 1], live->keys[k]))
-            live->keys[count - 1].uses += live->keys[k].uses;
-        else
-            live->keys[count++] = live->keys[k];
-    live->key_count = count;
+    for (int c = 0; c < count; c++, cells += n)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n && (marked || !live->marks[cells[a]]); b++)
+                if (marked || !live->marks[cells[b]])
+                    sbi_live_plan_pair(live, cells[a], cells[b], uses);
 }
 
-/* Room for so many keys; 0: no memory. */
-static int sbi_live_take_keys(sb_matrix *matrix, size_t most)
+/* No pairs yet with any of these nodes. */
+static void sbi_live_plan_nodes(sbi_matrix_live *live, size_t count, const int *nodes)
+{
+    for (size_t k = 0; k < count; k++)
+        live->held[nodes[k]] = -1;
+}
+
+/* All pairs of a change. Couplings of nodes that it removes go with these; theirs are not counted. */
+static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+{
+    live->pair_count = 0;
+    if (others) {
+        sbi_live_plan_nodes(live, 2 * (size_t)others->gone_count, others->gone);
+        sbi_live_plan_nodes(live, 2 * (size_t)others->made_count, others->made);
+    }
+    if (change) {
+        int n = change->nodes_per_cell;
+        sbi_live_plan_nodes(live, (size_t)change->removed_cell_count * (size_t)n, change->removed_cell_nodes);
+        sbi_live_plan_nodes(live, (size_t)change->made_cell_count * (size_t)n, change->made_cell_nodes);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 1;
+        sbi_live_plan_cells(live, change->removed_cell_count, n, change->removed_cell_nodes, -1, 0);
+        for (int k = 0; k < change->removed_node_count; k++)
+            live->marks[change->removed_nodes[k]] = 0;
+        sbi_live_plan_cells(live, change->made_cell_count, n, change->made_cell_nodes, 1, 1);
+    }
+    for (int k = 0; others && k < others->gone_count; k++)
+        sbi_live_plan_pair(live, others->gone[2 * (size_t)k], others->gone[2 * (size_t)k + 1], -1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_plan_pair(live, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
+}
+
+/* Leaves the pairs whose coupling is there and changes; *made: how many more are new, behind them. */
+static void sbi_live_sort_pairs(const sb_matrix *matrix, int *made)
 {
     sbi_matrix_live *live = matrix->live;
-    sbi_live_key *keys;
-    int capacity;
-    if (most <= (size_t)live->key_capacity)
-        return 1;
-    capacity = most > INT_MAX / 2 ? 0 : sbi_live_more((int)most);
-    keys = capacity ? (sbi_live_key *)sbi_alloc(&matrix->allocator, (size_t)capacity, sizeof *keys) : NULL;
-    if (!keys)
+    int count = 0, end = 0;
+    for (int k = 0; k < live->pair_count; k++) {
+        sbi_live_pair pair = live->pairs[k];
+        if (pair.uses == 0)
+            continue;
+        live->pairs[end] = pair;
+        if (sb_matrix_find(matrix, pair.low, pair.high) >= 0) {
+            live->pairs[end] = live->pairs[count];
+            live->pairs[count++] = pair;
+        }
+        end++;
+    }
+    live->pair_count = count;
+    *made = end - count;
+}
+
+/* The keys of new couplings, row after row, columns ascending in each. */
+static void sbi_live_list_keys(sbi_matrix_live *live, int made)
+{
+    const sbi_live_pair *pairs = live->pairs + live->pair_count;
+    int *rows = live->lost, *starts = live->held, *ends = live->seen, row_count = 0, end = 0;
+    for (int k = 0; k < made; k++)
+        ends[pairs[k].low] = ends[pairs[k].high] = 0;
+    for (int k = 0; k < 2 * made; k++) {
+        int i = k % 2 ? pairs[k / 2].high : pairs[k / 2].low;
+        if (ends[i]++ == 0)
+            rows[row_count++] = i;
+    }
+    for (int k = 0; k < row_count; k++) {
+        starts[rows[k]] = end;
+        end += ends[rows[k]];
+        ends[rows[k]] = starts[rows[k]];
+    }
+    for (int k = 0; k < 2 * made; k++) {
+        const sbi_live_pair *pair = pairs + k / 2;
+        int i = k % 2 ? pair->high : pair->low, j = k % 2 ? pair->low : pair->high, at = ends[i]++;
+        for (; at > starts[i] && live->keys[at - 1].column > j; at--)
+            live->keys[at] = live->keys[at - 1];
+        live->keys[at].row = i;
+        live->keys[at].column = j;
+        live->keys[at].uses = pair->uses;
+    }
+    live->key_count = end;
+}
+
+/* Room for so many keys and pairs; 0: no memory. */
+static int sbi_live_take_plan(sb_matrix *matrix, size_t keys, size_t pairs)
+{
+    sbi_matrix_live *live = matrix->live;
+    const sb_allocator *allocator = &matrix->allocator;
+    if (keys > INT_MAX / 2 || pairs > INT_MAX / 2)
         return 0;
-    sbi_free(&matrix->allocator, live->keys);
-    live->keys = keys;
-    live->key_capacity = capacity;
+    if (keys > (size_t)live->key_capacity) {
+        int capacity = sbi_live_more((int)keys);
+        sbi_live_key *made = (sbi_live_key *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->keys);
+        live->keys = made;
+        live->key_capacity = capacity;
+    }
+    if (pairs > (size_t)live->pair_capacity) {
+        int capacity = sbi_live_more((int)pairs);
+        sbi_live_pair *made = (sbi_live_pair *)sbi_alloc(allocator, (size_t)capacity, sizeof *made);
+        if (!made)
+            return 0;
+        sbi_free(allocator, live->pairs);
+        live->pairs = made;
+        live->pair_capacity = capacity;
+    }
     return 1;
 }
 
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error)
 {
-    return sbi_live_take_keys(matrix, (size_t)couplings)
+    return sbi_live_take_plan(matrix, (size_t)couplings, (size_t)couplings)
                ? SB_OK
                : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d new couplings", couplings);
 }
 
-/* Fills the plan; 0: no memory. */
+/* Fills the plan, with rows for all nodes there; 0: no memory. */
 static int sbi_live_plan(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
 {
     sbi_matrix_live *live = matrix->live;
-    int n = change ? change->nodes_per_cell : 0, cells = change ? change->made_cell_count : 0;
-    size_t most = (size_t)cells * (size_t)(n * sbi_max_int(n - 1, 0)) + 2 * (size_t)(others ? others->made_count : 0);
-    if (!sbi_live_take_keys(matrix, most))
+    size_t n = change ? (size_t)change->nodes_per_cell : 0, each = n > 0 ? n * (n - 1) / 2 : 0, pairs, keys;
+    int made;
+    keys = 2 * each * (change ? (size_t)change->made_cell_count : 0) + 2 * (size_t)(others ? others->made_count : 0);
+    pairs = each * (change ? (size_t)change->made_cell_count + (size_t)change->removed_cell_count : 0) +
+            (others ? (size_t)others->made_count + (size_t)others->gone_count : 0);
+    if (!sbi_live_take_plan(matrix, keys, pairs))
         return 0;
-    live->key_count = 0;
-    for (int c = 0; c < cells; c++) {
-        const int *cell = change->made_cell_nodes + (size_t)c * (size_t)n;
-        for (int a = 0; a < n; a++)
-            for (int b = a + 1; b < n; b++)
-                sbi_live_plan_pair(matrix, cell[a], cell[b]);
-    }
-    for (int k = 0; others && k < others->made_count; k++)
-        sbi_live_plan_pair(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1]);
-    sbi_live_merge_keys(live);
+    sbi_live_plan_pairs(live, change, others);
+    sbi_live_sort_pairs(matrix, &made);
+    sbi_live_list_keys(live, made);
     return 1;
 }
 
@@ -394,9 +469,10 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
                                      const sbi_matrix_couplings *others, sb_error *error)
 {
     sbi_matrix_live *live = matrix->live;
-    int rows = change ? change->node_end : matrix->row_count, made = sbi_live_plan(matrix, change, others);
-    if (made && rows > live->row_capacity)
+    int rows = change ? change->node_end : matrix->row_count, made = 1;
+    if (rows > live->row_capacity)
         made = sbi_live_grow_rows(matrix, sbi_live_more(rows));
+    made = made && sbi_live_plan(matrix, change, others);
     live->pack = 0;
     if (made) {
         size_t more = sbi_live_planned_places(matrix, rows), most = (size_t)live->block_capacity;
@@ -414,7 +490,7 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 
 /* ---- following ------------------------------------------------------------------------------------------- */
 
-/* Adds to the counts of a coupling that the pattern has; what it has not is in the plan. */
+/* Adds to the counts of a coupling that the pattern has. */
 static void sbi_live_count(sb_matrix *matrix, int i, int j, int uses)
 {
     int q = i == j ? -1 : sb_matrix_find(matrix, i, j);
@@ -436,10 +512,12 @@ static void sbi_live_count_cells(sb_matrix *matrix, int count, int n, const int 
                 sbi_live_count(matrix, cells[a], cells[b], uses);
 }
 
-static void sbi_live_count_pairs(sb_matrix *matrix, int count, const int *pairs, int uses)
+/* The uses of couplings that there are, as planned. */
+static void sbi_live_count_planned(sb_matrix *matrix)
 {
-    for (int k = 0; k < count; k++)
-        sbi_live_count(matrix, pairs[2 * (size_t)k], pairs[2 * (size_t)k + 1], uses);
+    const sbi_matrix_live *live = matrix->live;
+    for (int k = 0; k < live->pair_count; k++)
+        sbi_live_count(matrix, live->pairs[k].low, live->pairs[k].high, live->pairs[k].uses);
 }
 
 /* All couplings of a node that goes. */
@@ -452,6 +530,8 @@ static void sbi_live_drop_node(sb_matrix *matrix, int i)
         sbi_live_touch(matrix, matrix->columns[q]);
     }
     live->in_use[i] = 0;
+    if (live->part_of[i] >= 0 && live->part_of[i] != live->alone_part && live->part_first[live->part_of[i]] == i)
+        live->first_is_lost = 1;
     live->part_of[i] = -1;
 }
 
@@ -485,6 +565,9 @@ static void sbi_live_sweep_row(sb_matrix *matrix, int i)
             sbi_live_move(matrix, i, q, end);
         end++;
     }
+    if (end < matrix->row_end[i])
+        live->marks[i] = SBI_LIVE_LOSER;
+    live->used_blocks -= matrix->row_end[i] - end;
     for (int q = end; q < matrix->row_end[i]; q++)
         sbi_live_clear(matrix, q);
     matrix->row_end[i] = end;
@@ -510,6 +593,7 @@ static void sbi_live_fill_row(sb_matrix *matrix, int i, const sbi_live_key *keys
         sbi_live_move_row(matrix, i, length);
     read = matrix->row_end[i] - 1;
     matrix->row_end[i] += count;
+    matrix->live->used_blocks += count;
     for (write = matrix->row_end[i] - 1; count > 0; write--) {
         const sbi_live_key *key = keys + count - 1;
         if (read >= matrix->row_start[i] && matrix->columns[read] > key->column) {
@@ -544,27 +628,26 @@ static void sbi_live_fill(sb_matrix *matrix)
 
 /* ---- parts ------------------------------------------------------------------------------------------------ */
 
-static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
-
 /* 1 when no part has come apart: nodes that lost couplings to each other, directly or by way of nodes that are gone,
- * still hang together by couplings of theirs. 0: that has to be looked into. */
-static int sbi_live_parts_hold(sb_matrix *matrix)
+ * still hang together by couplings of rows with this mark. 0: that has to be looked into. */
+static int sbi_live_parts_hold_by(sb_matrix *matrix, int mark)
 {
     sbi_matrix_live *live = matrix->live;
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
         live->seen[i] = -1;
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        live->held[i] = i;
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             live->held[matrix->columns[q]] = matrix->columns[q];
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k];
-        for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
+        for (int q = matrix->row_start[i]; q < matrix->row_end[i] && live->marks[i] >= mark; q++)
             sbi_live_join(live->held, i, matrix->columns[q]);
     }
     for (int k = 0; k < live->touched_count; k++) {
         int i = live->touched[k], group, held;
-        if (!live->in_use[i])
+        if (!live->in_use[i] || live->marks[i] != SBI_LIVE_LOSER)
             continue;
         group = sbi_live_root(live->lost, i);
         held = sbi_live_root(live->held, i);
@@ -573,6 +656,12 @@ static int sbi_live_parts_hold(sb_matrix *matrix)
         live->seen[group] = held;
     }
     return 1;
+}
+
+/* Mostly the rows that lost something are enough to see it. */
+static int sbi_live_parts_hold(sb_matrix *matrix)
+{
+    return sbi_live_parts_hold_by(matrix, SBI_LIVE_LOSER) || sbi_live_parts_hold_by(matrix, 1);
 }
 
 /* Gives new nodes the part of a neighbour; 0: there is a new part, or two have met. */
@@ -614,12 +703,90 @@ static void sbi_live_number_parts(sb_matrix *matrix)
     sbi_sparse_list_parts(matrix, live->part_of);
 }
 
+/* First rows, from lists that are right. */
+static void sbi_live_note_parts(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    live->alone_part = -1;
+    live->alone_count = 0;
+    for (int c = 0; c < matrix->part_count; c++) {
+        live->part_first[c] = matrix->part_rows[matrix->part_start[c]];
+        if (!sbi_live_is_alone(matrix, live->part_first[c]))
+            continue;
+        live->alone_part = c;
+        live->alone_count = matrix->part_start[c + 1] - matrix->part_start[c];
+    }
+    live->listed = 1;
+    live->first_is_lost = 0;
+}
+
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
+ * touched, or INT_MAX. */
+static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
+{
+    const sbi_matrix_live *live = matrix->live;
+    *alone = INT_MAX;
+    if (live->first_is_lost)
+        return 0;
+    for (int k = 0; k < live->touched_count; k++) {
+        int i = live->touched[k], part = live->part_of[i], is_alone = sbi_live_is_alone(matrix, i);
+        if (is_alone)
+            *alone = sbi_min_int(*alone, i);
+        if (part >= 0 && part != live->alone_part &&
+            (is_alone ? i == live->part_first[part] : i < live->part_first[part]))
+            return 0;
+    }
+    return 1;
+}
+
+/* 1 when the rows alone, if any, stay where they are among the parts: last, or before a part that begins later. first:
+ * the least row that is alone now, of those touched. */
+static int sbi_live_alone_stay(const sb_matrix *matrix, int others, int first)
+{
+    const sbi_matrix_live *live = matrix->live;
+    int old = live->alone_part >= 0 && live->alone_part < others ? live->part_first[live->alone_part] : -1;
+    if (old >= 0)
+        return old < matrix->row_count && sbi_live_is_alone(matrix, old) && first >= old;
+    return others == 0 || first > live->part_first[others - 1];
+}
+
+/* Where parts keep their numbers only rows that were touched get theirs. 0: they do not, and nothing has changed. */
+static int sbi_live_keep_numbers(sb_matrix *matrix)
+{
+    sbi_matrix_live *live = matrix->live;
+    int first, others = matrix->part_count - (live->alone_part >= 0);
+    if (!sbi_live_firsts_hold(matrix, &first) || !sbi_live_alone_stay(matrix, others, first))
+        return 0;
+    if (live->alone_part < 0 || live->alone_part == others) {
+        live->alone_part = live->alone_count ? others : -1;
+        matrix->part_count = others + (live->alone_count > 0);
+    }
+    for (int k = 0; k < live->touched_count; k++)
+        if (sbi_live_is_alone(matrix, live->touched[k]))
+            live->part_of[live->touched[k]] = live->alone_part;
+    live->listed = 0;
+    return 1;
+}
+
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix)
+{
+    if (!matrix->live || matrix->live->listed)
+        return;
+    sbi_sparse_list_parts(matrix, matrix->live->part_of);
+    matrix->live->listed = 1;
+}
+
 static void sbi_live_follow_parts(sb_matrix *matrix)
 {
-    if (sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix))
+    int holds = sbi_live_parts_hold(matrix) && sbi_live_parts_extend(matrix);
+    matrix->live->renumbered = !holds || !sbi_live_keep_numbers(matrix);
+    if (!matrix->live->renumbered)
+        return;
+    if (holds)
         sbi_live_number_parts(matrix);
     else
         sbi_sparse_find_parts(matrix, matrix->live->part_of);
+    sbi_live_note_parts(matrix);
 }
 
 /* ---- all of it --------------------------------------------------------------------------------------------- */
@@ -661,39 +828,34 @@ static void sbi_live_end_nodes(sb_matrix *matrix, const sbi_mesh_change *change)
     sbi_matrix_live *live = matrix->live;
     while (matrix->row_count > change->node_end) {
         int i = --matrix->row_count;
+        live->alone_count -= !live->marks[i];
+        live->used_blocks--;
         sbi_live_clear(matrix, matrix->row_start[i]);
         sbi_live_give_piece(matrix, matrix->row_start[i], live->room[i]);
     }
-    for (int k = 0, count = live->touched_count; k < count; k++) {
+    for (int k = live->touched_count; k-- > 0;) {
         int i = live->touched[k];
-        live->marks[i] = 0;
-        if (i >= matrix->row_count)
+        if (i >= matrix->row_count) {
+            live->marks[i] = 0;
+            live->touched[k] = live->touched[--live->touched_count];
             continue;
+        }
+        live->alone_count += sbi_live_is_alone(matrix, i);
         if (!live->in_use[i])
             sbi_matrix_set_free_row(matrix, i);
     }
-    for (int k = live->touched_count; k-- > 0;)
-        if (live->touched[k] >= matrix->row_count)
-            live->touched[k] = live->touched[--live->touched_count];
 }
 
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change)
 {
     sbi_mesh_change same;
     sbi_matrix_live *live = matrix->live;
-    int n;
     memset(&same, 0, sizeof same);
     same.node_end = matrix->row_count;
     change = change ? change : &same;
-    n = change->nodes_per_cell;
     sbi_live_begin(matrix);
-    sbi_live_count_cells(matrix, change->removed_cell_count, n, change->removed_cell_nodes, -1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->gone_count, others->gone, -1);
     sbi_live_follow_nodes(matrix, change);
-    sbi_live_count_cells(matrix, change->made_cell_count, n, change->made_cell_nodes, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    sbi_live_count_planned(matrix);
     for (int k = 0; k < live->key_count; k++)
         sbi_live_touch(matrix, live->keys[k].row);
     for (int k = 0; k < live->touched_count; k++)
@@ -701,7 +863,9 @@ SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change,
     sbi_live_fill(matrix);
     sbi_live_end_nodes(matrix, change);
     sbi_live_follow_parts(matrix);
-    live->key_count = 0;
+    for (int k = 0; k < live->touched_count; k++)
+        live->marks[live->touched[k]] = 0;
+    live->key_count = live->pair_count = 0;
 }
 
 /* ---- making one -------------------------------------------------------------------------------------------- */
@@ -733,7 +897,9 @@ static int sbi_live_take_over(sb_matrix *matrix, sbi_matrix_live *live, int rows
     sbi_free(&matrix->allocator, made.memory);
     made.memory = NULL;
     made.live = live;
+    live->used_blocks = made.block_count;
     *matrix = made;
+    sbi_live_note_parts(matrix);
     return 1;
 }
 
@@ -743,13 +909,20 @@ static int sbi_live_capacity(int count, double slack)
     return capacity < (double)INT_MAX ? (int)capacity : INT_MAX;
 }
 
+/* Blocks of a matrix with slack: a quarter more, so that rows can be pushed together instead of a pool made anew, until
+ * nodes and cells have used up the slack. */
+static int sbi_live_pool_capacity(int blocks, double slack)
+{
+    return sbi_live_capacity(blocks, slack > 0 ? 1.25 * (1 + slack) - 1 : 0);
+}
+
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
                                        sb_error *error)
 {
     sbi_matrix_live *live = (sbi_matrix_live *)sbi_alloc_zeroed(&matrix->allocator, 1, sizeof *live);
     if (!live || !sbi_live_take_over(matrix, live, sbi_live_capacity(matrix->row_count, slack),
-                                     sbi_live_capacity(matrix->block_count, slack))) {
+                                     sbi_live_pool_capacity(matrix->block_count, slack))) {
         sbi_free(&matrix->allocator, live);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a matrix of %d rows that may change", matrix->row_count);
     }
@@ -758,8 +931,8 @@ SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int no
     for (int c = 0; c < cell_count; c++, cells += nodes_per_cell)
         if (cells[0] >= 0)
             sbi_live_count_cells(matrix, 1, nodes_per_cell, cells, 1);
-    if (others)
-        sbi_live_count_pairs(matrix, others->made_count, others->made, 1);
+    for (int k = 0; others && k < others->made_count; k++)
+        sbi_live_count(matrix, others->made[2 * (size_t)k], others->made[2 * (size_t)k + 1], 1);
     for (int i = 0; i < matrix->row_count; i++)
         for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++)
             live->uses[q] += matrix->columns[q] != i && live->uses[q] == 0; /* needed for ever */
@@ -797,25 +970,35 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error)
 {
     const sbi_matrix_live *live = matrix->live;
+    int blocks = 0, alone = 0;
     if (!live)
         return SB_OK;
     if (matrix->row_count > live->row_capacity || matrix->block_count > live->block_capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the matrix has more rows or blocks than room");
     for (int i = 0; i < matrix->row_count; i++) {
         sb_result result = sbi_live_check_row(matrix, i, error);
+        blocks += matrix->row_end[i] - matrix->row_start[i];
+        alone += sbi_live_is_alone(matrix, i);
         if (result != SB_OK)
             return result;
         if (live->marks[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d is marked", i);
     }
+    if (blocks != live->used_blocks || alone != live->alone_count)
+        return sbi_fail(error, SB_ERROR_STATE, "%d blocks in rows and %d rows alone, not %d and %d", blocks, alone,
+                        live->used_blocks, live->alone_count);
     for (int size = 0; size < SBI_LIVE_PIECE_SIZES; size++)
         for (int at = live->free_pieces[size]; at >= 0; at = live->uses[at])
             for (int q = at; q < at + (size + 1) * SBI_LIVE_PIECE; q++)
                 if (q >= matrix->block_count || matrix->columns[q] != 0 || matrix->transpose[q] != q)
                     return sbi_fail(error, SB_ERROR_STATE, "place %d of a free piece is in use", q);
+    sbi_matrix_list_parts(matrix);
     for (int c = 0; c < matrix->part_count; c++)
         for (int k = matrix->part_start[c]; k < matrix->part_start[c + 1]; k++)
             if (live->part_of[matrix->part_rows[k]] != c)
                 return sbi_fail(error, SB_ERROR_STATE, "row %d is listed in part %d", matrix->part_rows[k], c);
+    for (int c = 0; c < matrix->part_count; c++)
+        if (c != live->alone_part && live->part_first[c] != matrix->part_rows[matrix->part_start[c]])
+            return sbi_fail(error, SB_ERROR_STATE, "part %d does not begin with row %d", c, live->part_first[c]);
     return SB_OK;
 }

@@ -33,6 +33,13 @@ typedef struct sbi_live_key {
     int uses;
 } sbi_live_key;
 
+/* Two nodes that a change is about: by how much the uses of their coupling change in all. */
+typedef struct sbi_live_pair {
+    int low, high;
+    int uses;
+    int next; /* while the plan is made: the next one with the same low node, or -1 */
+} sbi_live_pair;
+
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
     unsigned version;        /* how many changes there were, from 1 */
@@ -46,12 +53,20 @@ typedef struct sbi_matrix_live {
     int *touched;            /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
     int repacked;            /* 1: all rows moved */
+    int used_blocks;         /* blocks that are in rows */
     /* parts */
     int *part_of;            /* [row_capacity] */
+    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
+    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;              /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
     sbi_live_key *keys;      /* new couplings, by row and column */
     int key_count, key_capacity;
+    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    int pair_count, pair_capacity;
     int pack;                /* 1: rows are pushed together first */
     int longest;             /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
@@ -63,7 +78,7 @@ typedef struct sbi_matrix_live {
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
- * slack    share of rows and blocks in reserve, >= 0
+ * slack    share of rows in reserve, >= 0; with some, blocks have a quarter more
  * SB_ERROR_MEMORY leaves the matrix as it was. */
 SBI_API sb_result sbi_matrix_make_live(sb_matrix *matrix, int cell_count, int nodes_per_cell, const int *cells,
                                        const sbi_matrix_couplings *others, const unsigned char *in_use, double slack,
@@ -74,14 +89,18 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, and a pass over part_rows where rows come or go. */
-SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change, const sbi_matrix_couplings *others);
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
+ * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 /* The same of rows. */
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
+ * who read them. */
+SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
 /* sparse.c: the identity for the diagonal block of a row that is not in use, which is fixed; and of all such rows, for
@@ -97,7 +116,7 @@ SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error
 /* Finds the connected parts of rows and lists them; part_of [row_count]. */
 SBI_API void sbi_sparse_find_parts(sb_matrix *matrix, int *part_of);
 /* Lists rows by part, once every row has one. */
-SBI_API void sbi_sparse_list_parts(sb_matrix *matrix, const int *part_of);
+SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of);
 #endif
 
 #endif /* SB_SPARSE_LIVE_H */
