@@ -27,8 +27,9 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with implicit
- * steps. What is embedded in a body follows the changes that needles make where it is asked to (sb_embedding_follow).
+ * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with
+ * implicit steps. What is embedded in a body follows the changes that needles make where it is asked to
+ * (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *
@@ -105,11 +106,11 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres, regions,
- *              supports, loads and constraints; sb_body_step moves it without its needles.
+ * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres,
+ *              regions, supports, loads and constraints; sb_body_step moves it without its needles.
  * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
- *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step, solved
- *              again with other states of friction where a node sticks that should slip, or the other way.
+ *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step,
+ *              solved again with other states of friction where a node sticks that should slip, or the other way.
  * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
  *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
  *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.
@@ -296,7 +297,7 @@
 #define NDL_VERSION_PATCH 0
 #define NDL_VERSION_STRING "0.5.0"
 
-#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
+#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     NDL_VERSION_PATCH != SB_VERSION_PATCH
 #error "needle.h and softbody.h are of different versions: take both from one release"
 #endif
@@ -358,9 +359,9 @@ typedef struct ndl_rod_section {
 } ndl_rod_section;
 
 typedef enum ndl_rod_preset {
-    NDL_STYLET_18G = 1,   /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
-    NDL_NITINOL_083 = 2,  /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
-                           * Experimental Robotics, and of the phantom studies after it) */
+    NDL_STYLET_18G = 1,    /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
+    NDL_NITINOL_083 = 2,   /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
+                            * Experimental Robotics, and of the phantom studies after it) */
     NDL_HYPODERMIC_22G = 3 /* 22-gauge steel tube, 0.7176 mm outside, 0.413 mm inside */
 } ndl_rod_preset;
 
@@ -372,9 +373,9 @@ NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section 
 
 /* Stiffnesses of a rod; ndl_rod_stiffness_of makes them from a section. */
 typedef struct ndl_rod_stiffness {
-    sb_real stretch;    /* EA (N), > 0 */
-    sb_real bending[2]; /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
-    sb_real twist;      /* GJ (N m^2), > 0 */
+    sb_real stretch;      /* EA (N), > 0 */
+    sb_real bending[2];   /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
+    sb_real twist;        /* GJ (N m^2), > 0 */
     sb_real line_density; /* mass per length (kg/m), > 0 */
 } ndl_rod_stiffness;
 
@@ -392,23 +393,23 @@ typedef enum ndl_rod_rest {
 
 /* What a rod is made from. Start from ndl_default_rod_def(), set nodes, change what you like. */
 typedef struct ndl_rod_def {
-    const sb_vec3 *nodes;   /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
-                             * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
-    int node_count;         /* >= 2 */
-    int capacity; /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
-    ndl_rod_section section; /* default NDL_STYLET_18G */
+    const sb_vec3 *nodes; /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
+                           * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
+    int node_count;       /* >= 2 */
+    int capacity;         /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
+    ndl_rod_section section;            /* default NDL_STYLET_18G */
     const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
-    ndl_rod_rest rest;      /* default NDL_REST_STRAIGHT */
+    ndl_rod_rest rest;                  /* default NDL_REST_STRAIGHT */
     const sb_real *rest_curvature; /* [node_count][2] (1/m) for NDL_REST_CURVATURE: curvature towards m1 and towards m2
-                             * at each node; those of the two ends are not used */
-    sb_vec3 director;       /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
-    int clamped;            /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
-    sb_vec3 gravity;        /* m/s^2; default 0 */
+                                    * at each node; those of the two ends are not used */
+    sb_vec3 director; /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
+    int clamped;      /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
+    sb_vec3 gravity;  /* m/s^2; default 0 */
     sb_real damping_stretch; /* s, >= 0: viscous stress is this times the rate of the elastic one; default 1e-4 */
     sb_real damping_bending; /* s, >= 0; the same for bending. It acts on the rate of the curvature vector, so that it
-                             * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
-    int max_newton; /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
-    sb_real tolerance;      /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
+                              * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
+    int max_newton;    /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
+    sb_real tolerance; /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_rod_def; a def made without it is refused */
 } ndl_rod_def;
@@ -458,9 +459,9 @@ NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb
 /* What a step or static solve did; every call writes every field. */
 typedef struct ndl_rod_info {
     int newton_iterations;
-    sb_real residual;    /* largest out-of-balance force over the largest force at work, at the last check */
-    int capped;          /* 1: max_newton was reached before the tolerance, and the last state was taken */
-    int damped;          /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
+    sb_real residual; /* largest out-of-balance force over the largest force at work, at the last check */
+    int capped;       /* 1: max_newton was reached before the tolerance, and the last state was taken */
+    int damped;       /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
     sb_error error;
 } ndl_rod_info;
 
@@ -477,10 +478,10 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
 typedef struct ndl_rod_static_options {
-    int max_newton;      /* >= 1; default 500 */
-    sb_real tolerance;   /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
-                          * rounding of positions leaves of it */
-    unsigned cookie;     /* set by ndl_default_rod_static_options */
+    int max_newton;    /* >= 1; default 500 */
+    sb_real tolerance; /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
+                        * rounding of positions leaves of it */
+    unsigned cookie;   /* set by ndl_default_rod_static_options */
 } ndl_rod_static_options;
 
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
@@ -524,9 +525,9 @@ NDL_API sb_result ndl_rod_reparameterise(ndl_rod *rod, const sb_vec3 *positions,
 
 /* ---- readings: no allocation ---- */
 NDL_API int ndl_rod_node_count(const ndl_rod *rod);
-NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);  /* [node_count] (m), valid until destroyed */
-NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod); /* [node_count] (m/s) */
-NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);    /* kg */
+NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);      /* [node_count] (m), valid until destroyed */
+NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod);     /* [node_count] (m/s) */
+NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);        /* kg */
 NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge); /* m */
 
 /* Orthonormal, right-handed: m1 x m2 = t. */
@@ -544,7 +545,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
-    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
+    sb_real grip;                          /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the
@@ -562,7 +563,8 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
 #endif /* NDL_ROD_H */
 
 /* ==== src/needle/topology.h ==== */
-/* topology: what a remesher knows of a body's tet4 mesh: rings, neighbours, qualities, and how it changes. Floor 6, internal.
+/* topology: what a remesher knows of a body's tet4 mesh: rings, neighbours, qualities, and how it changes. Floor 6,
+ * internal.
  *
  * Slots of nodes and tets are the body's. A change is made here first, while candidates are compared and undone; the
  * remesher then hands it to the body as one change of its mesh. */
@@ -589,8 +591,8 @@ typedef struct ndl_surface_hit {
 
 
 /* What a needle may do to the faces between regions. They follow the tip by parts of a tet either way, or no node could
- * pass them: the volume of each region is not kept, nor, where densities differ, the mass of the body; all of it is undone
- * at the end. */
+ * pass them: the volume of each region is not kept, nor, where densities differ, the mass of the body; all of it is
+ * undone at the end. */
 typedef enum ndl_interface_rule {
     NDL_INTERFACE_KEEP_NODES = 0, /* their edges and faces are split, their nodes stay where they are: a tip just
                                    * behind one has flat tets about it, as just below the skin */
@@ -599,20 +601,20 @@ typedef enum ndl_interface_rule {
 
 /* How to remesh. Start from ndl_default_remesh_def(). */
 typedef struct ndl_remesh_def {
-    sb_body *body;            /* of tet4, borrowed; outlives the remesher. Its mesh changes from then on */
-    int max_needles;          /* >= 1; needles are numbered from 0. Default 4 */
+    sb_body *body;                 /* of tet4, borrowed; outlives the remesher. Its mesh changes from then on */
+    int max_needles;               /* >= 1; needles are numbered from 0. Default 4 */
     ndl_interface_rule interfaces; /* default NDL_INTERFACE_MOVE */
-    sb_real smooth_below;     /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
-                               * Default 0.55; 0: never, as in the thesis */
-    sb_real release_above;    /* nodes go back towards their own place, and splits that no needle needs are undone,
-                               * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
-    int max_smoothed;         /* nodes moved per operation at most, >= 0. Default 16 */
-    sb_real entry_slip;       /* a puncture that leaves tets worse than half of smooth_below, when what lies below has
-                               * made way, may go to a node or edge of the skin not further away than this share of the
-                               * face's longest edge: where the skin is not flat, no node of it can be moved to the
-                               * needle; in [0, 1]. Default 0.25 */
-    sb_allocator allocator;   /* default malloc */
-    unsigned cookie;          /* set by ndl_default_remesh_def */
+    sb_real smooth_below;   /* free nodes about the tip are moved while a tet there is worse than this; in [0, 1).
+                             * Default 0.55; 0: never, as in the thesis */
+    sb_real release_above;  /* nodes go back towards their own place, and splits that no needle needs are undone,
+                             * where that leaves tets at least this good, or no worse; in [0, 1]. Default 0.6 */
+    int max_smoothed;       /* nodes moved per operation at most, >= 0. Default 16 */
+    sb_real entry_slip;     /* a puncture that leaves tets worse than half of smooth_below, when what lies below has
+                             * made way, may go to a node or edge of the skin not further away than this share of the
+                             * face's longest edge: where the skin is not flat, no node of it can be moved to the
+                             * needle; in [0, 1]. Default 0.25 */
+    sb_allocator allocator; /* default malloc */
+    unsigned cookie;        /* set by ndl_default_remesh_def */
 } ndl_remesh_def;
 
 NDL_API ndl_remesh_def ndl_default_remesh_def(void);
@@ -640,30 +642,32 @@ typedef struct ndl_remesh_info {
     sb_vec3 X;               /* where the tip is in the material (m) */
 } ndl_remesh_info;
 
-/* SB_ERROR_ARGUMENT (field named; the body has a remesher already), _UNSUPPORTED (elements other than SB_TET4; def.slack was
- * 0), _MEMORY leave *remesh untouched. While it has changed the mesh, changes by others are refused (SB_ERROR_STATE).
+/* SB_ERROR_ARGUMENT (field named; the body has a remesher already), _UNSUPPORTED (elements other than SB_TET4;
+ * def.slack was 0), _MEMORY leave *remesh untouched. While it has changed the mesh, changes by others are refused
+ * (SB_ERROR_STATE).
  *
- * From now on the remesher is part of the body's saved state, its hash and its recording: sb_body_state_load asks for a body
- * with a remesher of the same def, and brings needles, splits and what is needed to undo them back to the last bit. A
- * recording of the body holds the calls below; it is played on a body with such a remesher. Make remeshers before a
- * recording is started, and destroy them after it has been stopped: what follows otherwise is refused when it is played. */
+ * From now on the remesher is part of the body's saved state, its hash and its recording: sb_body_state_load asks for a
+ * body with a remesher of the same def, and brings needles, splits and what is needed to undo them back to the last
+ * bit. A recording of the body holds the calls below; it is played on a body with such a remesher. Make remeshers
+ * before a recording is started, and destroy them after it has been stopped: what follows otherwise is refused when it
+ * is played. */
 NDL_API sb_result ndl_remesh_create(const ndl_remesh_def *def, ndl_remesh **remesh, sb_error *error);
 /* Leaves the body as it is. Safe on NULL. */
 NDL_API void ndl_remesh_destroy(ndl_remesh *remesh);
 
-/* Takes the memory that a needle of up to so many nodes in the tissue usually needs, so that calls ask for none while the
- * mesh keeps to its slack. SB_ERROR_INDEX, _ARGUMENT (nodes < 0) and _MEMORY change nothing that can be seen. */
+/* Takes the memory that a needle of up to so many nodes in the tissue usually needs, so that calls ask for none while
+ * the mesh keeps to its slack. SB_ERROR_INDEX, _ARGUMENT (nodes < 0) and _MEMORY change nothing that can be seen. */
 NDL_API sb_result ndl_remesh_reserve(ndl_remesh *remesh, int needle, int nodes, sb_error *error);
 
 /* In all calls `needle` is in [0, max_needles) (SB_ERROR_INDEX) and `info` and `error` may be NULL. Each operation
  * happens as a whole or, when the call fails at it, not at all: SB_ERROR_MEMORY; SB_ERROR_NOT_FINITE;
  * SB_ERROR_ARGUMENT, a needle that is (not) in the tissue; SB_ERROR_MESH, no operation leaves sound tets: the step is
- * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle; and what the body or those that
- * follow its mesh refuse (see sb_body_change_commit). */
+ * too long; SB_ERROR_UNSUPPORTED, every operation would change an element of another needle; and what the body or those
+ * that follow its mesh refuse (see sb_body_change_commit). */
 
-/* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it goes
- * deeper. The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies on them or
- * their faces are in one plane; but see entry_slip. info->X: where the entry is. */
+/* First contact: puts a node where the skin was hit, which is the needle's entry from then on, and its tip until it
+ * goes deeper. The skin keeps its shape: nodes of it move within flat parts only, edges are split where the point lies
+ * on them or their faces are in one plane; but see entry_slip. info->X: where the entry is. */
 NDL_API sb_result ndl_remesh_puncture(ndl_remesh *remesh, int needle, const ndl_surface_hit *hit, ndl_remesh_info *info,
                                       sb_error *error);
 /* The tip cuts on (retracts) to X_new (m, in the material), by as many operations as ndl_remesh_limit asks for, in a
@@ -674,8 +678,8 @@ NDL_API sb_result ndl_remesh_penetrate(ndl_remesh *remesh, int needle, sb_vec3 X
 NDL_API sb_result ndl_remesh_retract(ndl_remesh *remesh, int needle, sb_vec3 X_new, ndl_remesh_info *info,
                                      sb_error *error);
 /* The needle leaves: its nodes are released and its splits undone. When no other needle is in, the mesh is the
- * original one, number by number and place by place; else what a near needle prevents follows later. Where the body refuses
- * (SB_ERROR_MEMORY) it stays in. Does nothing for a needle that is not in. */
+ * original one, number by number and place by place; else what a near needle prevents follows later. Where the body
+ * refuses (SB_ERROR_MEMORY) it stays in. Does nothing for a needle that is not in. */
 NDL_API sb_result ndl_remesh_withdraw(ndl_remesh *remesh, int needle, ndl_remesh_info *info, sb_error *error);
 
 /* Nodes of the needle in the tissue, entry first, tip last; consecutive ones are joined by an edge. NULL and 0 when it
@@ -686,13 +690,13 @@ NDL_API sb_real ndl_remesh_limit(const ndl_remesh *remesh, int needle);
 /* Material position of a point in space, looked for from the tip; 0 when it is outside (*X is then the continuation of
  * the nearest tet's map), else 1. */
 NDL_API int ndl_remesh_material_point(const ndl_remesh *remesh, int needle, sb_vec3 x, sb_vec3 *X);
-/* First face of the body's surface that the segment crosses from outside in space (m); 0 and *hit untouched when there is
- * none. O(tets): for a needle that is not in yet. */
+/* First face of the body's surface that the segment crosses from outside in space (m); 0 and *hit untouched when there
+ * is none. O(tets): for a needle that is not in yet. */
 NDL_API int ndl_remesh_hit(const ndl_remesh *remesh, sb_vec3 from, sb_vec3 to, ndl_surface_hit *hit);
 /* Splits not undone yet. */
 NDL_API int ndl_remesh_split_count(const ndl_remesh *remesh, int needle);
-/* How good the mesh is in the material; any place may be NULL. Quality: 6 sqrt(2) V / l_rms^3, 1 for the regular tet; angles
- * in degrees. O(tets). */
+/* How good the mesh is in the material; any place may be NULL. Quality: 6 sqrt(2) V / l_rms^3, 1 for the regular tet;
+ * angles in degrees. O(tets). */
 NDL_API void ndl_remesh_quality(const ndl_remesh *remesh, sb_real *worst_quality, sb_real *min_dihedral,
                                 sb_real *max_dihedral);
 /* 1 when the mesh is the one that the remesher was made on, number by number and place by place. */
@@ -771,8 +775,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
 /* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature);
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */
 
@@ -834,13 +837,13 @@ typedef struct ndl_plan_def {
     sb_real tolerance;  /* m, in [1e-6 max_length, max_length]; default 1/1000 of the radius 1/curvature */
     int max_boxes;      /* most boxes of one search, >= 1; default 5000. When they run out `bound` is lower */
     const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
-                        * not added to, between updates */
+                                    * not added to, between updates */
     int obstacle_count;
-    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
-                         * radius */
-    int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
-    int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
-    unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
+    sb_real clearance; /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+                        * radius */
+    int max_pieces;    /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
+    int samples;       /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
+    unsigned cookie;   /* set by ndl_default_plan_def; a def made without it is refused */
 } ndl_plan_def;
 
 NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length);
@@ -879,22 +882,22 @@ typedef struct ndl_steer_command {
 
 /* Start from ndl_default_steer_def. */
 typedef struct ndl_steer_def {
-    ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
-    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
-                          * than it should, or tissue that gives way, can be made up for; default 0.2 */
-    sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
-    sb_real max_turn;    /* rad per update, > 0; default 1 */
-    sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
-                          * the tip follows the base late */
-    sb_real turn_first;  /* rad: insertion waits while the roll is further off than this; default 0.3 */
-    int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
-    sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
-    int max_updates;     /* >= 1; default 10000 */
-    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
-                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
-                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
-                          * curvature */
-    unsigned cookie;     /* set by ndl_default_steer_def */
+    ndl_plan_def plan;  /* plan.max_length is that of the whole insertion */
+    sb_real reserve;    /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+                         * than it should, or tissue that gives way, can be made up for; default 0.2 */
+    sb_real step;       /* m of insertion per update, > 0; default 1/100 of the radius */
+    sb_real max_turn;   /* rad per update, > 0; default 1 */
+    sb_real turn_gain;  /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
+                         * the tip follows the base late */
+    sb_real turn_first; /* rad: insertion waits while the roll is further off than this; default 0.3 */
+    int max_wait;       /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
+    sb_real reach;      /* m, > 0: what counts as reached; default 1/100 of the radius */
+    int max_updates;    /* >= 1; default 10000 */
+    sb_real learn;      /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                         * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                         * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                         * curvature */
+    unsigned cookie;    /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
 /* curvature and max_length as in ndl_default_plan_def. */
@@ -904,22 +907,22 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
 typedef struct ndl_steer {
     ndl_steer_def def;
     ndl_steer_status status;
-    sb_real inserted;  /* m commanded */
+    sb_real inserted;   /* m commanded */
     int updates, plans; /* plans: how often a way past the obstacles was searched */
-    int waited;        /* updates of the present wait */
-    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
+    int waited;         /* updates of the present wait */
+    int next_search;    /* the update from which a better way is looked for again, while the present one is clear */
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
-    ndl_plan plan;     /* from the last sensed tip */
-    sb_real curvature; /* 1/m: def.plan.curvature, as measured since: between half of it and all */
-    sb_vec3 drift;     /* the tip's way less where it looks, across: small angles (rad) */
+    ndl_plan plan;                          /* from the last sensed tip */
+    sb_real curvature;                      /* 1/m: def.plan.curvature, as measured since: between half of it and all */
+    sb_vec3 drift;                          /* the tip's way less where it looks, across: small angles (rad) */
     /* internal: what it is learned from */
-    ndl_tip_pose tip;  /* the last one sensed */
-    sb_vec3 way;       /* unit: where it was found to go */
-    sb_vec3 first;     /* t of the first one */
-    sb_real advance;   /* m: what was inserted since */
-    sb_real weight;    /* m^2: that of the present estimate of the curvature */
-    int bends;         /* 1: the tip has been seen to bend, so it is in tissue */
+    ndl_tip_pose tip; /* the last one sensed */
+    sb_vec3 way;      /* unit: where it was found to go */
+    sb_vec3 first;    /* t of the first one */
+    sb_real advance;  /* m: what was inserted since */
+    sb_real weight;   /* m^2: that of the present estimate of the curvature */
+    int bends;        /* 1: the tip has been seen to bend, so it is in tissue */
 } ndl_steer;
 
 /* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
@@ -961,12 +964,12 @@ NDL_API ndl_push_def ndl_default_push_def(void);
 
 /* A PI controller: plain data, may be copied. Fields are read-only. */
 typedef struct ndl_push {
-    ndl_push_def def;      /* directions made unit vectors */
-    sb_vec3 integral;      /* m: the integral part of the displacement asked for */
-    sb_vec3 force;         /* N */
-    sb_vec3 error;         /* m: way that the point has still to go, across the path; 0 when there */
-    int arrived;           /* the last error was within the tolerance */
-    int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
+    ndl_push_def def; /* directions made unit vectors */
+    sb_vec3 integral; /* m: the integral part of the displacement asked for */
+    sb_vec3 force;    /* N */
+    sb_vec3 error;    /* m: way that the point has still to go, across the path; 0 when there */
+    int arrived;      /* the last error was within the tolerance */
+    int limited;      /* the force asked for was beyond the cone, max_force or max_rate */
 } ndl_push;
 
 /* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.
@@ -1004,11 +1007,11 @@ typedef enum ndl_contact {
 
 /* How the friction states of a step were found. */
 typedef struct ndl_couple_info {
-    int trials;       /* linear systems with different friction states, >= 1 */
-    int consistent;   /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
-                       * 0: the cap on trials was hit, and the last solution was taken */
-    int iterations;   /* of conjugate gradients, in all trials */
-    int capped;       /* 1: their cap was hit */
+    int trials;     /* linear systems with different friction states, >= 1 */
+    int consistent; /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
+                     * 0: the cap on trials was hit, and the last solution was taken */
+    int iterations; /* of conjugate gradients, in all trials */
+    int capped;     /* 1: their cap was hit */
     sb_real residual; /* sqrt(r.M^-1 r) relative to its start */
 } ndl_couple_info;
 
@@ -1036,8 +1039,8 @@ typedef struct ndl_needle ndl_needle;
 
 /* What a region of tissue does to a needle, whatever presses on it (Tresca friction). All >= 0, default 0. */
 typedef struct ndl_friction {
-    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of the
-                       * order of 10 to 100 in soft tissue */
+    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of
+                       * the order of 10 to 100 in soft tissue */
     sb_real viscous;  /* N s/m^2: more for slip at 1 m/s */
     sb_real cutting;  /* N at the tip while it goes forward; of the order of 1 */
     sb_real twist_stiffness; /* N m/rad per m of shaft: tissue that sticks holds against turning, */
@@ -1060,36 +1063,36 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    sb_body *body;          /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
-                             * material, supports, loads and integrator are its own: see ndl_step */
-    sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
-    sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
-    sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
-    sb_real length;         /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
-    sb_real edge_length;    /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
-    int capacity;           /* most nodes of the rod, >= 8; default 128 */
+    sb_body *body;     /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
+                        * material, supports, loads and integrator are its own: see ndl_step */
+    sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
+    sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
+    sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
+    sb_real length;    /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
+    sb_real edge_length;     /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
+    int capacity;            /* most nodes of the rod, >= 8; default 128 */
     ndl_rod_section section; /* default NDL_STYLET_18G */
-    const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
+    const ndl_rod_stiffness *stiffness;       /* overrules the section; default NULL */
     sb_real damping_stretch, damping_bending; /* s, as of ndl_rod_def; default 1e-4 */
-    sb_vec3 gravity;        /* m/s^2, on the needle; default 0 */
-    ndl_bevel bevel;        /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
-    sb_real bend_length;    /* m of a pre-bent tip, >= 0 and < length; default 0 */
-    sb_real bend_curvature; /* 1/m of it at rest, towards m2 */
+    sb_vec3 gravity;                          /* m/s^2, on the needle; default 0 */
+    ndl_bevel bevel;                          /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
+    sb_real bend_length;                      /* m of a pre-bent tip, >= 0 and < length; default 0 */
+    sb_real bend_curvature;                   /* 1/m of it at rest, towards m2 */
     const ndl_friction *frictions; /* [friction_count] by region, or one for all; default NULL: none. Copied */
     int friction_count;
     const ndl_membrane *membranes; /* [membrane_count] or NULL; copied */
     int membrane_count;
-    ndl_cutting cutting;    /* default NULL: by the tables */
+    ndl_cutting cutting; /* default NULL: by the tables */
     void *cutting_user;
-    sb_real entry_slip;     /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
-                             * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in one
-                             * step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons. Default
-                             * 0.25; 0: the entry stays where the needle met the skin, with flatter tets about it.
-                             * Either way single steps within the first edge below curved skin may have forces that no
-                             * tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was over
-                             * 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
-                             * all needles' holds */
+    sb_real entry_slip; /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
+                         * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in
+                         * one step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons.
+                         * Default 0.25; 0: the entry stays where the needle met the skin, with flatter tets about
+                         * it. Either way single steps within the first edge below curved skin may have forces that
+                         * no tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was
+                         * over 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
+    int max_trials;     /* linear systems per step with different states of friction, >= 1; default 10. The largest of
+                         * all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -1100,11 +1103,11 @@ NDL_API ndl_needle_def ndl_default_needle_def(void);
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
  * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY.
  *
- * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in mid-insertion
- * too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same order, wherever they
- * are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is played on such a body. Make
- * needles before a recording is started, and destroy them after it has been stopped: what follows otherwise is refused when
- * it is played. A `cutting` of your own is not saved: both must do the same. */
+ * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in
+ * mid-insertion too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same
+ * order, wherever they are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is
+ * played on such a body. Make needles before a recording is started, and destroy them after it has been stopped: what
+ * follows otherwise is refused when it is played. A `cutting` of your own is not saved: both must do the same. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
@@ -1126,22 +1129,22 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;          /* a step is cut where a tip would go further than about half an edge of the tissue */
-    int trials;            /* largest number of a substep */
-    int consistent;        /* 1: friction states came out as they were taken, in all substeps */
-    int iterations;        /* of conjugate gradients, in all */
-    int capped;            /* 1: their cap was hit */
-    sb_real residual;      /* largest of a substep */
+    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue */
+    int trials;       /* largest number of a substep */
+    int consistent;   /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;   /* of conjugate gradients, in all */
+    int capped;       /* 1: their cap was hit */
+    sb_real residual; /* largest of a substep */
     int static_nodes, dynamic_nodes; /* at the end */
-    int operations;        /* of the remesher */
-    sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
-                            * follow it (no operation left sound tets, no memory); then it tries again later */
-    int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                            * else could be computed */
-    int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
-    sb_step_info body;     /* of the last substep */
-    double seconds_body;   /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
+    int operations;                  /* of the remesher */
+    sb_real worst_quality;           /* of tets about the tips; 1: none */
+    int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
+                          * follow it (no operation left sound tets, no memory); then it tries again later */
+    int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
+                          * else could be computed */
+    int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    sb_step_info body;   /* of the last substep */
+    double seconds_body; /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */
     double seconds_needle; /* sleeves, frames and nodes of the needles, */
     double seconds_remesh; /* remeshing with its changes of the matrix, */
@@ -1150,24 +1153,26 @@ typedef struct ndl_step_info {
 
 /* Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.
  * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
- * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
- * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would
+ * take over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element
+ * (which are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named);
+ * SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
  *
- * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its tolerance:
- * one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are stepped by
- * implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0, which is of
- * second order, let the force on the base settle at once when the needle stops; others do not damp the motion that friction
- * leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20 ms): half a second after the stop
- * the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5 mN, without damping_stiffness by 0.34 N;
- * with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while the needle moves (0.007 N with 0). */
+ * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
+ * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are
+ * stepped by implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0,
+ * which is of second order, let the force on the base settle at once when the needle stops; others do not damp the
+ * motion that friction leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20
+ * ms): half a second after the stop the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5
+ * mN, without damping_stiffness by 0.34 N; with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while
+ * the needle moves (0.007 N with 0). */
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 
 /* ---- readings: no allocation ---- */
 
-/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
- * destroyed, its arrays until the next step. */
+/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle
+ * is destroyed, its arrays until the next step. */
 NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
 /* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. With NDL_BEVEL_CURVATURE t is where the
  * path goes on; the rod's last edge, a chord, lags behind by half of what it bends, and more after a turn. */
@@ -1179,8 +1184,8 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
-/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone with the
- * body's last needle. */
+/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone
+ * with the body's last needle. */
 NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */
@@ -1205,13 +1210,13 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X);
 
 /* For rods that are stepped by themselves: a needle's is part of its body's state (sb_body_state_save).
  *
- * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for bit,
- * also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the same def,
- * in the same precision; capacity and allocator may differ.
+ * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for
+ * bit, also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the
+ * same def, in the same precision; capacity and allocator may differ.
  *
- * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing that a
- * step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates nothing. Buffers
- * need no alignment.
+ * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing
+ * that a step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates
+ * nothing. Buffers need no alignment.
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no saved rod, cut short, damaged, a count out of its range); SB_ERROR_UNSUPPORTED (other version,
@@ -1270,8 +1275,8 @@ typedef struct ndli_topology_change {
     int node_count;
 } ndli_topology_change;
 
-/* Arrays are for reading, but for the flag of fixed nodes. All lie in one block with slack; it grows by half when a change
- * needs more, which moves them. Slots of removed nodes and tets are used again, last removed first.
+/* Arrays are for reading, but for the flag of fixed nodes. All lie in one block with slack; it grows by half when a
+ * change needs more, which moves them. Slots of removed nodes and tets are used again, last removed first.
  *
  * The tets of a node are a ring of corners: corner 4 t + c is node c of tet t.
  *
@@ -1279,8 +1284,8 @@ typedef struct ndli_topology_change {
  *         visit(k / 4);
  */
 typedef struct ndli_topology {
-    int node_count, tet_count;       /* in use */
-    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
+    int node_count, tet_count; /* in use */
+    int node_end, tet_end;     /* one past the last slot ever used: loops run to here, and skip some */
     int node_capacity, tet_capacity;
     int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
 
@@ -1298,8 +1303,8 @@ typedef struct ndli_topology {
     int *corner_next; /* [4] */
     int *corner_prev; /* [4] */
     int *regions;
-    int *parents;     /* tet that it was cut from last, for a tet made by a change; else itself */
-    sb_real *volumes; /* in the material (m^3) */
+    int *parents;       /* tet that it was cut from last, for a tet made by a change; else itself */
+    sb_real *volumes;   /* in the material (m^3) */
     sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
 
     sb_allocator allocator;
@@ -1311,17 +1316,17 @@ typedef struct ndli_topology {
     unsigned char *tet_mark, *node_mark;
     int *touched, touched_count, *affected, affected_count;
     int *displaced_before, displaced_before_count; /* at the begin of the change */
-    ndli_node_event *node_events; /* [2 node_capacity] */
+    ndli_node_event *node_events;                  /* [2 node_capacity] */
     int node_event_count;
-    int *tet_events, tet_event_count;   /* [2 tet_capacity] */
-    int *changed;                       /* [tet_capacity] */
+    int *tet_events, tet_event_count; /* [2 tet_capacity] */
+    int *changed;                     /* [tet_capacity] */
     ndli_node_change *changes;
     int change_count;
     void *block;
 } ndli_topology;
 
-/* Becomes the body's mesh, with nothing known of needles: all nodes are at their own places. Its allocator must be set. 0: no
- * memory, nothing changed. O(nodes + tets). */
+/* Becomes the body's mesh, with nothing known of needles: all nodes are at their own places. Its allocator must be set.
+ * 0: no memory, nothing changed. O(nodes + tets). */
 NDLI_API int ndli_topology_read(ndli_topology *mesh, const sb_body *body);
 /* The same where the body's mesh is one that it has known: keeps X0, owners and flags; there is room. */
 NDLI_API void ndli_topology_read_again(ndli_topology *mesh, const sb_body *body);
@@ -1331,9 +1336,9 @@ NDLI_API void ndli_topology_look(ndli_topology *mesh, const sb_body *body);
 NDLI_API void ndli_topology_free(ndli_topology *mesh);
 
 /* Tet that holds a point: a walk from `start` (any tet in use) through the faces the point lies behind, in the material
- * (positions = mesh->X) or in space (the body's). Returns the tet and its barycentric weights, all >= 0 but for rounding;
- * or -1 when the walk ends at the surface: then *weights are of the last tet, stretched beyond it. weights: [4], may be
- * NULL. -1 also for a start that is no tet, without weights. */
+ * (positions = mesh->X) or in space (the body's). Returns the tet and its barycentric weights, all >= 0 but for
+ * rounding; or -1 when the walk ends at the surface: then *weights are of the last tet, stretched beyond it. weights:
+ * [4], may be NULL. -1 also for a start that is no tet, without weights. */
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                 sb_real weights[4]);
 /* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
@@ -1354,13 +1359,14 @@ SB_INLINE sb_real ndli_tet_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
     sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
     sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
     sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
-    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
-                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
+    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) + sb_v3_dot(bd, bd) +
+                    sb_v3_dot(cd, cd)) /
+                   6;
     return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
 }
 NDLI_API void ndli_tet_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
-/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by rounding:
- * the best tet about the start, its weights cut off. */
+/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by
+ * rounding: the best tet about the start, its weights cut off. */
 NDLI_API int ndli_topology_source(const ndli_topology *mesh, sb_vec3 X, int start, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
 NDLI_API int ndli_topology_reserve(ndli_topology *mesh, int nodes, int tets);
@@ -1381,15 +1387,15 @@ NDLI_API void ndli_topology_end(ndli_topology *mesh, ndli_topology_change *chang
 /* After the end: the body has refused the change, and all is as it was at the begin. O(nodes + tets). */
 NDLI_API void ndli_topology_take_back(ndli_topology *mesh, const sb_body *body);
 
-/* What the body's mesh does not say, for undo and saved states: measures, writes or reads. counts: NDLI_TOPOLOGY_COUNTS ints
- * that ndli_topology_counts gives; when reading, the image's. */
+/* What the body's mesh does not say, for undo and saved states: measures, writes or reads. counts: NDLI_TOPOLOGY_COUNTS
+ * ints that ndli_topology_counts gives; when reading, the image's. */
 enum { NDLI_TOPOLOGY_COUNTS = 4 };
 NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts);
 NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, struct ndli_image *image);
 /* After reading, and once the body has the mesh that goes with it. */
 NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const sb_body *body);
-/* Whether what ndli_topology_walk wrote to `in` for these counts (counts[0] <= node_end, counts[1] <= counts[0]) goes with
- * this mesh; owners below max_owner. SB_ERROR_FORMAT, SB_ERROR_NOT_FINITE. */
+/* Whether what ndli_topology_walk wrote to `in` for these counts (counts[0] <= node_end, counts[1] <= counts[0]) goes
+ * with this mesh; owners below max_owner. SB_ERROR_FORMAT, SB_ERROR_NOT_FINITE. */
 NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
                                               int max_owner, sb_error *error);
 /* The tet with the lowest slot that has both nodes, or -1. */
@@ -1399,8 +1405,8 @@ NDLI_API int ndli_topology_first_tet(const ndli_topology *mesh, int i, int j);
 #define NDLI_ENTRY_SLIP ((sb_real)0.25) /* the defaults of entry_slip */
 /* What the remesher knows of the mesh; it stays where it is. */
 NDLI_API const ndli_topology *ndli_remesh_topology(const ndl_remesh *remesh);
-/* To be called before positions are read through it, once the body has moved; supports that are new are seen, too. Where the
- * body has got another mesh that is read, and no needle is in it: SB_ERROR_MEMORY. */
+/* To be called before positions are read through it, once the body has moved; supports that are new are seen, too.
+ * Where the body has got another mesh that is read, and no needle is in it: SB_ERROR_MEMORY. */
 NDLI_API sb_result ndli_remesh_look(ndl_remesh *remesh, sb_error *error);
 /* 1: the body has got another mesh since. */
 NDLI_API int ndli_remesh_is_stale(const ndl_remesh *remesh);
@@ -1419,10 +1425,12 @@ NDLI_API sb_result ndli_remesh_put_first(ndl_remesh *remesh, int needle, sb_vec3
 /* ---- remesh_state.c ----
  * Undo: into memory of at least the snapshot's size, and back into the remesher it is from, once the body is back. */
 NDLI_API size_t ndli_remesh_snapshot_size(const ndl_remesh *remesh);
-NDLI_API size_t ndli_remesh_snapshot_room(const ndl_remesh *remesh); /* most, while the needles keep to what was reserved */
+NDLI_API size_t
+ndli_remesh_snapshot_room(const ndl_remesh *remesh); /* most, while the needles keep to what was reserved */
 NDLI_API void ndli_remesh_snapshot(const ndl_remesh *remesh, void *buffer);
 NDLI_API void ndli_remesh_rewind(ndl_remesh *remesh, const void *buffer);
-/* Between the check of a saved state and its load or refusal: the nodes that the needle has in it, as of ndl_remesh_nodes. */
+/* Between the check of a saved state and its load or refusal: the nodes that the needle has in it, as of
+ * ndl_remesh_nodes. */
 NDLI_API const int *ndli_remesh_staged_nodes(const ndl_remesh *remesh, int needle, int *count);
 
 /* ==== src/needle/rod_state.h, internal ==== */
@@ -1756,88 +1764,89 @@ NDLI_API void ndli_band_solve(const double *a, int n, int width, double *b)
 /* Geometry of a rod in a shape that is tried: all that energies and their derivatives are made of. */
 typedef struct ndli_rod_shape {
     ndli_v3 *tangent;  /* [edges] */
-    double *length;   /* [edges] (m) */
+    double *length;    /* [edges] (m) */
     ndli_v3 *director; /* [edges] the state's, carried along with the edge */
     ndli_v3 *m1, *m2;  /* [edges] */
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
-    double *chi;      /* [nodes] 1 + t.t' */
-    double *twist;    /* [nodes] (rad) */
+    double *chi;       /* [nodes] 1 + t.t' */
+    double *twist;     /* [nodes] (rad) */
     double *reference; /* [nodes] (rad) of it, what the directors make */
-    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
+    double *lag;       /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
 typedef struct ndli_rod_matrix {
-    ndli_m3 (*node)[3];   /* [nodes] (N/m) */
-    ndli_v3 (*cross)[4];  /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
+    ndli_m3 (*node)[3];  /* [nodes] (N/m) */
+    ndli_v3 (*cross)[4]; /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
     double *turn;        /* [edges] theta_j with itself (N m) */
     double *turn_before; /* [edges] theta_j with theta_j-1 */
 } ndli_rod_matrix;
 
 struct ndl_rod {
     sb_allocator allocator;
-    void *memory;            /* the one block behind the arrays */
+    void *memory; /* the one block behind the arrays */
     int capacity;
     int node_count;
     double stretch, bending[2], torsion, line_density; /* N, N m^2, N m^2, kg/m */
-    int plain;               /* 1: isotropic and straight at rest, so that bending does not see the material frames */
+    int plain; /* 1: isotropic and straight at rest, so that bending does not see the material frames */
     ndli_v3 gravity;
     double damping_stretch, damping_bending; /* s */
     int max_newton;
     double tolerance;
 
-    ndli_v3 *x, *v, *a;      /* [nodes] */
-    ndli_v3 *director;       /* [edges] */
-    double *theta;          /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
-    ndli_v3 *tangent;        /* [edges] of x */
+    ndli_v3 *x, *v, *a; /* [nodes] */
+    ndli_v3 *director;  /* [edges] */
+    double *theta;      /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
+    ndli_v3 *tangent;   /* [edges] of x */
 
     double *rest_length;    /* [edges] (m) */
     double (*rest_bend)[2]; /* [nodes] integrated rest curvature (2 tan of half the turn) towards m1 and m2; a density
-                              * is this over the cell */
+                             * is this over the cell */
     double *mass;           /* [nodes] (kg) */
     double *cell;           /* [nodes] (m) length that bends at an inner node: half of both edges, of one at a clamp */
 
-    unsigned char *held;     /* [nodes] */
-    ndli_v3 *target;         /* [nodes] where held nodes will be, */
-    ndli_v3 *target_velocity; /* [nodes] with this velocity */
+    unsigned char *held;         /* [nodes] */
+    ndli_v3 *target;             /* [nodes] where held nodes will be, */
+    ndli_v3 *target_velocity;    /* [nodes] with this velocity */
     unsigned char *has_velocity; /* [nodes] 1: target_velocity was given */
-    unsigned char *turn_held; /* [edges] */
-    double *turn;           /* [edges] (rad) still to turn in the next step */
-    int base_director_set;   /* 1: the base shall be turned so that its m1 becomes base_director */
+    unsigned char *turn_held;    /* [edges] */
+    double *turn;                /* [edges] (rad) still to turn in the next step */
+    int base_director_set;       /* 1: the base shall be turned so that its m1 becomes base_director */
     ndli_v3 base_director;
-    ndli_v3 *force;          /* [nodes] dead loads (N) */
-    double *torque;         /* [edges] (N m) */
-    int grips;               /* edges with a grip */
+    ndli_v3 *force;            /* [nodes] dead loads (N) */
+    double *torque;            /* [edges] (N m) */
+    int grips;                 /* edges with a grip */
     double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
-    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
-    ndli_v3 *reaction;       /* [nodes] */
-    double *reaction_torque; /* [edges] */
+    double *anchor;            /* [edges] (rad) theta at which that spring is not wound */
+    ndli_v3 *reaction;         /* [nodes] */
+    double *reaction_torque;   /* [edges] */
 
     sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
 
-    int energy_monitored;    /* 1: energy_before is the energy (J) when supports or loads last changed */
+    int energy_monitored; /* 1: energy_before is the energy (J) when supports or loads last changed */
     double energy_before;
 
     /* what follows holds nothing between calls */
-    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains measured from those below */
-    double *old_length;      /* [edges] (m) */
-    ndli_v3 *old_binormal;   /* [nodes] */
-    double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
+    double viscous_stretch,
+        viscous_bend;      /* within a step: damping time over dt, of strains measured from those below */
+    double *old_length;    /* [edges] (m) */
+    ndli_v3 *old_binormal; /* [nodes] */
+    double (*old_bend)[4]; /* [nodes] curvature in the frame of the edge before, of the edge after */
     ndli_rod_shape shape;
     ndli_rod_matrix matrix;
-    ndli_v3 *gradient;       /* [nodes] */
-    double *turn_gradient;  /* [edges] */
-    ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
+    ndli_v3 *gradient;                           /* [nodes] */
+    double *turn_gradient;                       /* [edges] */
+    ndli_v3 *try_x, *best_x, *step_x;            /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
-    ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
+    ndli_v3 *predicted; /* [nodes] where inertia alone takes free nodes; targets of held ones */
     ndli_m3 *damping_before, *damping_after,
         *damping_weight;      /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
-    double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
-    double *unknown;        /* [4 nodes] */
-    ndli_v3 *saved_nodes;    /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
-    double *saved_reals;     /* [NDLI_ROD_SAVED_REALS nodes] */
-    double *saved_turns;     /* [edges] */
+    double *band;             /* [4 nodes][NDLI_ROD_WIDTH + 1] */
+    double *unknown;          /* [4 nodes] */
+    ndli_v3 *saved_nodes;     /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
+    double *saved_reals;      /* [NDLI_ROD_SAVED_REALS nodes] */
+    double *saved_turns;      /* [edges] */
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
@@ -1921,16 +1930,16 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
-/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its first
- * edge stays. */
+/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its
+ * first edge stays. */
 NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
 NDLI_API double ndli_rod_turn_floor(const ndl_rod *rod, int j);
 
 /* ---- rod_step ---- */
 
-/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
- * found none, and the state is as before. */
+/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0:
+ * Newton found none, and the state is as before. */
 NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
 
 /* ---- rod_grip ---- */
@@ -2042,8 +2051,8 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    shape->reference[i] = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
-                                          ndli_dot(carried, shape->director[i]));
+    shape->reference[i] =
+        sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b), ndli_dot(carried, shape->director[i]));
     shape->twist[i] = theta[i] - theta[i - 1] + shape->reference[i];
     return 1;
 }
@@ -2122,8 +2131,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
-                          (fabs(change) + unknown) * unknown;
+            sums.noise +=
+                rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
@@ -2143,8 +2152,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 typedef struct ndli_rod_local {
     ndli_v3 edge[2];
     double turn[2];
-    ndli_m3 edges[2][2];    /* [1][0] is the transpose of [0][1] and not kept */
-    ndli_v3 cross[2][2];    /* [edge][theta] */
+    ndli_m3 edges[2][2]; /* [1][0] is the transpose of [0][1] and not kept */
+    ndli_v3 cross[2][2]; /* [edge][theta] */
     double turns[2], turns_between;
 } ndli_rod_local;
 
@@ -2777,12 +2786,29 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->predicted,
                            &rod->damping_tangent,
                            &rod->old_binormal};
-    double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
-                        &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+    double **reals[] = {&rod->theta,
+                        &rod->rest_length,
+                        &rod->mass,
+                        &rod->cell,
+                        &rod->turn,
+                        &rod->torque,
+                        &rod->reaction_torque,
+                        &rod->shape.length,
+                        &rod->shape.chi,
+                        &rod->shape.twist,
                         &rod->shape.reference,
-                        &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
-                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
+                        &rod->matrix.turn,
+                        &rod->matrix.turn_before,
+                        &rod->turn_gradient,
+                        &rod->try_theta,
+                        &rod->best_theta,
+                        &rod->step_theta,
+                        &rod->saved_turns,
+                        &rod->old_length,
+                        &rod->grip,
+                        &rod->grip_limit,
+                        &rod->anchor,
+                        &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -2790,10 +2816,10 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
         *reals[i] = (double *)sbi_arena_take(arena, n, d);
     for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++)
         *matrices[i] = (ndli_m3 *)sbi_arena_take(arena, n, m);
-    rod->rest_bend = (double (*)[2])sbi_arena_take(arena, n, 2 * d);
-    rod->old_bend = (double (*)[4])sbi_arena_take(arena, n, 4 * d);
-    rod->matrix.node = (ndli_m3 (*)[3])sbi_arena_take(arena, n, 3 * m);
-    rod->matrix.cross = (ndli_v3 (*)[4])sbi_arena_take(arena, n, 4 * v);
+    rod->rest_bend = (double(*)[2])sbi_arena_take(arena, n, 2 * d);
+    rod->old_bend = (double(*)[4])sbi_arena_take(arena, n, 4 * d);
+    rod->matrix.node = (ndli_m3(*)[3])sbi_arena_take(arena, n, 3 * m);
+    rod->matrix.cross = (ndli_v3(*)[4])sbi_arena_take(arena, n, 4 * v);
     rod->held = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->has_velocity = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->turn_held = (unsigned char *)sbi_arena_take(arena, n, 1);
@@ -3531,7 +3557,7 @@ NDL_API void ndl_rod_base_wrench(const ndl_rod *rod, sb_vec3 *force, sb_vec3 *to
  * potential. */
 
 typedef struct ndli_rod_problem {
-    double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
+    double inertia; /* 1/s^2: d a'/d x'; 0: statics */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -3671,8 +3697,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
-             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH);
+             other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -4003,8 +4029,8 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     if (result != SB_OK)
         return result;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
-                                         : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
+        ndli_v3 v =
+            rod->has_velocity[i] ? rod->target_velocity[i] : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
         if (rod->held[i]) {
             rod->a[i] = ndli_scale(1 / dt, ndli_sub(v, rod->v[i]));
         } else {
@@ -4118,8 +4144,8 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
     for (int i = 0; i < rod->node_count; i++) {
         rod->predicted[i] = rod->x[i];
         if (rod->held[i])
-            rod->predicted[i] = share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i]))
-                                          : rod->target[i];
+            rod->predicted[i] =
+                share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i])) : rod->target[i];
         rod->try_x[i] = rod->x[i];
     }
     ndli_rod_set_turns(rod, share);
@@ -4177,9 +4203,10 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
         ndli_rod_restore(rod);
         memcpy(rod->turn, rod->saved_turns, n * sizeof *rod->turn);
         rod->base_director_set = base_director_set;
-        return ndli_rod_fail(info, result, result == SB_ERROR_NOT_CONVERGED
-                                               ? "max_newton was reached; the rod is as it was"
-                                               : "Newton found no step that lowers the energy; the rod is as it was");
+        return ndli_rod_fail(info, result,
+                             result == SB_ERROR_NOT_CONVERGED
+                                 ? "max_newton was reached; the rod is as it was"
+                                 : "Newton found no step that lowers the energy; the rod is as it was");
     }
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);
@@ -4341,8 +4368,8 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
             }
             grip += share * rod->grip[j];
             limit += share * rod->grip_limit[j];
-            torque += share * rod->grip[j] *
-                      (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
+            torque +=
+                share * rod->grip[j] * (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
         }
         spread->grip[k] = grip;
         spread->limit[k] = limit;
@@ -4418,26 +4445,25 @@ static double ndli_rod_curve_at(const ndli_rod_curve *curve, double u, int flat,
     s1 = curve->slope[i + 1];
     width = curve->at[i + 1] - curve->at[i];
     m = ndli_rod_secant(curve, i);
-    return curve->value[i] +
-           d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
+    return curve->value[i] + d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
 }
 
 /* ---- from the old nodes to the new ones ---- */
 
 /* A reparameterisation while it is being made, all in the rod's scratch. */
 typedef struct ndli_rod_reshape {
-    int count;             /* new nodes */
-    const ndli_v3 *x;      /* [count] */
-    ndli_v3 *v, *a;        /* [count] */
+    int count;                   /* new nodes */
+    const ndli_v3 *x;            /* [count] */
+    ndli_v3 *v, *a;              /* [count] */
     ndli_v3 *tangent, *director; /* [count - 1] */
-    double *old_at;        /* [old nodes] (m) arc distance of the old nodes */
-    double *at;            /* [count] the new nodes', on the same scale */
-    double *length;        /* [count - 1] (m) */
-    double *rest_length;   /* [count - 1] (m) */
-    double *theta;         /* [count - 1] (rad) */
-    double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
-    ndli_rod_spread grip;  /* [count - 1] */
-    ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
+    double *old_at;              /* [old nodes] (m) arc distance of the old nodes */
+    double *at;                  /* [count] the new nodes', on the same scale */
+    double *length;              /* [count - 1] (m) */
+    double *rest_length;         /* [count - 1] (m) */
+    double *theta;               /* [count - 1] (rad) */
+    double *curvature[2];        /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;        /* [count - 1] */
+    ndli_rod_curve curve;        /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
 /* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
@@ -4607,8 +4633,8 @@ static int ndli_rod_interpolate_curvature(const ndl_rod *rod, ndli_rod_reshape *
     return -1;
 }
 
-/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the polyline,
- * and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
+/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the
+ * polyline, and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
 static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *reshape)
 {
     ndli_rod_curve curve = reshape->curve;
@@ -4620,8 +4646,8 @@ static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *re
     }
     ndli_rod_set_slopes(&curve);
     reshape->theta[0] = rod->theta[0];
-    reshape->director[0] = ndli_rod_across(
-        ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]), reshape->tangent[0]);
+    reshape->director[0] = ndli_rod_across(ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]),
+                                           reshape->tangent[0]);
     for (int j = 1; j < reshape->count - 1; j++) {
         ndli_v3 t = reshape->tangent[j], d, carried;
         double u = 0.5 * (reshape->at[j] + reshape->at[j + 1]);
@@ -4891,7 +4917,8 @@ static void ndli_topology_measure(ndli_topology *t, int tet)
 }
 
 /* ---- rings ----
- * Ascending, so that they are a function of the mesh alone: sums over them have the same bits whatever was done and undone. */
+ * Ascending, so that they are a function of the mesh alone: sums over them have the same bits whatever was done and
+ * undone. */
 
 static void ndli_topology_join(ndli_topology *t, int corner, int node)
 {
@@ -5089,7 +5116,7 @@ static int ndli_topology_is_tet(const ndli_topology *t, int tet)
 }
 
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
-                                 sb_real weights[4])
+                                sb_real weights[4])
 {
     sb_real w[4], slack = -64 * SB_EPSILON;
     int tet = start, from = -1;
@@ -5347,7 +5374,7 @@ NDLI_API int ndli_topology_cut(ndli_topology *mesh, const int *simplex, int size
 }
 
 NDLI_API void ndli_topology_mend(ndli_topology *mesh, int node, const int *simplex, int size, const int *groups,
-                               int count)
+                                 int count)
 {
     for (int g = count - 1; g >= 0; g--) {
         for (int j = size - 1; j > 0; j--)
@@ -5461,7 +5488,7 @@ static void ndli_topology_cosines(const ndli_topology *t, int tet, sb_real *low,
 }
 
 NDLI_API void ndli_topology_quality(const ndli_topology *mesh, sb_real *worst_quality, sb_real *min_dihedral,
-                                     sb_real *max_dihedral)
+                                    sb_real *max_dihedral)
 {
     sb_real worst = 1, low = 1, high = -1, degrees = (sb_real)57.295779513082323;
     if (!mesh)
@@ -5576,8 +5603,10 @@ NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const
 NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
                                               int max_owner, sb_error *error)
 {
-    enum { KNOWN = NDLI_NODE_ALIVE | NDLI_NODE_BOUNDARY | NDLI_NODE_INTERFACE | NDLI_NODE_FIXED | NDLI_NODE_CREATED |
-                   NDLI_NODE_NEEDLE };
+    enum {
+        KNOWN = NDLI_NODE_ALIVE | NDLI_NODE_BOUNDARY | NDLI_NODE_INTERFACE | NDLI_NODE_FIXED | NDLI_NODE_CREATED |
+                NDLI_NODE_NEEDLE
+    };
     size_t nodes = (size_t)counts[0];
     const unsigned char *owners = in + ndli_image_room(nodes * sizeof(sb_vec3));
     const unsigned char *flags = owners + ndli_image_room(nodes * sizeof(int));
@@ -5671,7 +5700,7 @@ static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
 {
     ndli_v3 *node_vectors[] = {rod->x, rod->v, rod->a, rod->target, rod->target_velocity, rod->force, rod->reaction};
     ndli_v3 *edge_vectors[] = {rod->director, rod->tangent};
-    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,       rod->torque,
+    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,   rod->torque,
                             rod->grip,  rod->grip_limit,  rod->anchor, rod->reaction_torque};
     size_t n = (size_t)node_count, flags;
     for (size_t i = 0; i < sizeof node_vectors / sizeof *node_vectors; i++)
@@ -5741,8 +5770,9 @@ static sb_result ndli_rod_check_head(const ndl_rod *rod, const ndli_rod_head *he
     if (head->node_count > rod->capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head->node_count,
                         rod->capacity);
-    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count || !ndli_state_is_flag(head->plain) ||
-        !ndli_state_is_flag(head->base_director_set) || !ndli_state_is_flag(head->energy_monitored))
+    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count ||
+        !ndli_state_is_flag(head->plain) || !ndli_state_is_flag(head->base_director_set) ||
+        !ndli_state_is_flag(head->energy_monitored))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
     return SB_OK;
 }
@@ -5878,7 +5908,7 @@ typedef struct ndli_candidate {
 /* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
  * that all candidates of an operation share; the node to be made comes after it. */
 typedef struct ndli_draft {
-    int *tets, tet_count;   /* [4]; those of the core first */
+    int *tets, tet_count; /* [4]; those of the core first */
     int core_count;
     sb_real *qualities;
     sb_vec3 *X;             /* [table_count + 1] */
@@ -5915,11 +5945,11 @@ struct ndl_remesh {
     int needle, conflict; /* of the call under way; element of another needle that stood in the way, or -1 */
     int capacity;         /* of the patch */
     ndli_patch here, undone;
-    int core_count;       /* of here: the tets that candidates may change; after them those that smoothing may */
-    int *table, table_count; /* nodes of the patch */
+    int core_count;             /* of here: the tets that candidates may change; after them those that smoothing may */
+    int *table, table_count;    /* nodes of the patch */
     unsigned char *table_whole; /* 1: all its tets are in the patch */
     ndli_draft draft;
-    int *moving, moving_count; /* [4] nodes of a candidate's tets about its sliding node */
+    int *moving, moving_count;                   /* [4] nodes of a candidate's tets about its sliding node */
     ndli_candidate final[NDLI_FINALISTS], trial; /* best first */
     int final_count;
     sb_real *rating, *best_rating; /* qualities of a draft, worst first */
@@ -5927,13 +5957,12 @@ struct ndl_remesh {
     int move_count;
     sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
     sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
+    sb_real enough;       /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
     void *scratch;
 };
-
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 SB_INLINE int ndli_remesh_has(const int nodes[4], int node)
@@ -5958,7 +5987,7 @@ NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r);
 
 /* What the ints of a command begin with; then the needle, and what the call returned. */
 typedef enum ndli_remesh_command {
-    NDLI_COMMAND_PUNCTURE = 1, /* and tet, face; along, X, slip */
+    NDLI_COMMAND_PUNCTURE = 1,  /* and tet, face; along, X, slip */
     NDLI_COMMAND_PENETRATE = 2, /* X */
     NDLI_COMMAND_RETRACT = 3,   /* X */
     NDLI_COMMAND_WITHDRAW = 4,
@@ -5971,10 +6000,11 @@ typedef sb_result (*ndli_remesh_replay)(void *user, const int *ints, size_t int_
 /* The remesher joins the state and the recording of its body. */
 NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error);
 NDLI_API void ndli_remesh_leave(ndl_remesh *r);
-/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it is
- * not told, as calls with numbers that are none are not: they change nothing. */
+/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it
+ * is not told, as calls with numbers that are none are not: they change nothing. */
 NDLI_API void ndli_remesh_hush(ndl_remesh *r);
-NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count);
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                               size_t real_count);
 NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
                                         sb_result result);
 NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result);
@@ -6250,9 +6280,9 @@ typedef struct ndli_rehearsal {
     const ndli_topology *mesh;
     const unsigned char *owners, *flags; /* [node_end] of the image */
     int node_end;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    int *tets;               /* [tet_end][4]; first -1: not in use */
+    int *stars;              /* [node_end] tets of a node; -1: undone */
+    int *takers;             /* [tet_end] needle whose splits made the tet, or -1 */
     unsigned char *threaded; /* [node_end] 1: on a needle */
 } ndli_rehearsal;
 
@@ -6373,14 +6403,19 @@ static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, con
         pool = stack + (size_t)counts[1] * sizeof(ndli_split);
         if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
             !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the body", i);
+            return sbi_fail(error, SB_ERROR_FORMAT,
+                            "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the body",
+                            i);
         in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
     }
     for (int i = 0; i < h->node_end; i++)
-        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
+        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) ||
+            (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i,
+                                 "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d",
+                                 i);
     return SB_OK;
 }
 
@@ -6409,7 +6444,8 @@ static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *
     int counts[NDLI_TOPOLOGY_COUNTS];
     size_t needles = ndli_remesh_needles_at(r, in, size, counts);
     memset(&rehearsal, 0, sizeof rehearsal);
-    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
+    rehearsal.owners =
+        in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
     rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
     rehearsal.node_end = counts[0];
     result = ndli_rehearsal_begin(r, &rehearsal)
@@ -6448,7 +6484,8 @@ static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t
     if (at == 0)
         result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
     if (result == SB_OK && !room)
-        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory, r->def.max_needles, error);
+        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory,
+                                            r->def.max_needles, error);
     for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
         int counts[4];
         size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
@@ -6512,8 +6549,8 @@ static sb_result ndli_remesh_stage(ndl_remesh *r, const sb_body *body, sb_error 
         staged->def = r->def;
         staged->mesh = &staged->topology;
         staged->topology.allocator = r->def.allocator;
-        staged->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles,
-                                                          sizeof(ndli_needle));
+        staged->needles =
+            (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
         if (staged->needles && ndli_topology_read(staged->mesh, body) && ndli_remesh_stage_room(r))
             return SB_OK;
     }
@@ -6582,7 +6619,8 @@ NDLI_API void ndli_remesh_hush(ndl_remesh *r)
         sbi_body_mute(r->body);
 }
 
-NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count)
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                               size_t real_count)
 {
     int good = ints != NULL;
     sbi_body_unmute(r->body);
@@ -6682,15 +6720,11 @@ NDLI_API void ndli_remesh_leave(ndl_remesh *r)
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
-       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
 enum {
-    NDLI_SLIDE_SAMPLES = 10,
-    NDLI_MAX_SUBSTEPS = 1000,
-    NDLI_STUCK = 16,
-    NDLI_RELEASES = 4,
-    NDLI_RATED = 16
+    NDLI_USUAL_POOL = 32,  /* slots a split keeps: seldom more than eight tets of four pieces */
+    NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */
 };
+enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_RATED = 16 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- memory ---- */
@@ -6915,8 +6949,8 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
-                                          mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]], mesh->X[parent->nodes[2]],
+                                       mesh->X[parent->nodes[3]]);
 }
 
 static const ndli_split *ndli_remesh_top(const ndli_needle *needle)
@@ -6984,7 +7018,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
     return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
-                               ndli_remesh_at(r, n[3]));
+                            ndli_remesh_at(r, n[3]));
 }
 
 /* A tet that the candidate makes or changes. */
@@ -7166,17 +7200,17 @@ static int ndli_remesh_is_better(ndl_remesh *r, const ndli_candidate *b)
 static int ndli_remesh_is_lost(const ndl_remesh *r)
 {
     sb_real least = r->trial.created.least;
-    return !(least > 0) || (r->final_count == NDLI_FINALISTS &&
-                            least < r->final[NDLI_FINALISTS - 1].created.least && least < r->trial.removed.least);
+    return !(least > 0) || (r->final_count == NDLI_FINALISTS && least < r->final[NDLI_FINALISTS - 1].created.least &&
+                            least < r->trial.removed.least);
 }
 
 /* ---- candidates: which ---- */
 
 typedef enum ndli_move {
-    NDLI_SNAP_TIP,   /* (a) */
-    NDLI_AHEAD,      /* (b) another node comes to lie at X_new, the old tip stays on the needle */
-    NDLI_UNDO,       /* (c) the top split, which made the tip, is undone first */
-    NDLI_DROP        /* (d) the tip stays in the tissue, but not on the needle */
+    NDLI_SNAP_TIP, /* (a) */
+    NDLI_AHEAD,    /* (b) another node comes to lie at X_new, the old tip stays on the needle */
+    NDLI_UNDO,     /* (c) the top split, which made the tip, is undone first */
+    NDLI_DROP      /* (d) the tip stays in the tissue, but not on the needle */
 } ndli_move;
 
 /* Nodes between regions may be bound to their place; those that a split made there are not. */
@@ -7788,8 +7822,8 @@ static void ndli_remesh_add_heir(ndli_heirs *heirs, int node, sb_real weight)
     heirs->weights[heirs->count++] = weight;
 }
 
-/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that go, too,
- * stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
+/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that
+ * go, too, stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
 static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *heirs)
 {
     const ndli_leaving *l = ndli_remesh_leaving(r, node);
@@ -7815,14 +7849,15 @@ static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *he
 }
 
 /* Moved nodes first: where their motion comes from is named by the slots of before. */
-static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to,
+                                        sb_error *error)
 {
     sb_result result = SB_OK;
     int plan = 0;
     for (int i = 0; i < c->node_count && result == SB_OK; i++)
         if (!c->nodes[i].created)
-            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
-                                              4, error);
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources,
+                                              c->nodes[i].weights, 4, error);
     for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
         int event = c->node_events[i].node, slot = 0;
         ndli_heirs heirs;
@@ -7833,8 +7868,8 @@ static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_chang
         }
         while (!c->nodes[plan].created)
             plan++;
-        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
-                                         error);
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0,
+                                         &slot, error);
         SB_ASSERT(result != SB_OK || slot == event);
         plan++;
     }
@@ -7858,7 +7893,8 @@ static int ndli_remesh_is_renewed(const ndli_topology_change *c, const int nodes
     return 0;
 }
 
-static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to,
+                                       sb_error *error)
 {
     sb_result result = SB_OK;
     for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
@@ -7881,8 +7917,8 @@ static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change
     return result;
 }
 
-/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at the
- * begin. */
+/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at
+ * the begin. */
 static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
 {
     ndli_topology_change change;
@@ -7907,8 +7943,8 @@ static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
     return result;
 }
 
-/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of the
- * smoothed nodes. */
+/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of
+ * the smoothed nodes. */
 static int ndli_remesh_plan_moves(ndl_remesh *r, int *slide)
 {
     ndli_topology *mesh = r->mesh;
@@ -8458,8 +8494,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)
-        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet,
-                                "no sound way to puncture tet %d at that point", hit->tet);
+        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet, "no sound way to puncture tet %d at that point",
+                                hit->tet);
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else
@@ -8716,8 +8752,10 @@ static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int
     if (int_count < 3)
         return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
     if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
-                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played",
+                        ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
     ndli_remesh_hush(r);
     result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
     ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
@@ -8734,9 +8772,11 @@ static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int
 static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
 {
     if (sbi_body_mesh(body).element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needles and remeshers need a body of SB_TET4: its elements are others");
     if (sbi_body_node_slots(body).room == 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needles and remeshers change the mesh: make the body with def.slack > 0");
     return SB_OK;
 }
 
@@ -8875,8 +8915,7 @@ NDLI_API sb_result ndli_pose_read(const ndl_tip_pose *tip, ndli_pose *pose)
     const ndl_frame *f = &tip->frame;
     ndli_v3 m1 = ndli_from(f->m1), m2 = ndli_from(f->m2), t = ndli_from(f->t), off;
     double length;
-    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) ||
-        !sb_v3_is_finite(f->t))
+    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) || !sb_v3_is_finite(f->t))
         return SB_ERROR_NOT_FINITE;
     off = ndli_sub(ndli_cross(m1, m2), t);
     if (!(fabs(ndli_norm(t) - 1) < 1e-3) || !(fabs(ndli_norm(m2) - 1) < 1e-3) || !(fabs(ndli_norm(m1) - 1) < 1e-3) ||
@@ -9083,8 +9122,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
     return SB_OK;
 }
 
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature)
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature)
 {
     double d = (double)advance, l = (double)edge_length;
     sb_result result = ndli_bevel_check(bevel, d, l);
@@ -9118,10 +9156,7 @@ NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *def
 
 /* ---- obstacles ---- */
 
-static double ndli_path_clamp(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_path_clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 static double ndli_distance_capsule(const ndl_obstacle *o, ndli_v3 p)
 {
@@ -9219,7 +9254,7 @@ enum { NDLI_SEARCH_STACK = 128, NDLI_SEARCH_STARTS = 4, NDLI_SEARCH_SEEDS = 256 
 
 typedef struct ndli_search {
     double k, s_max, w_low, w_high;
-    ndli_v3 g; /* target in the tip's frame */
+    ndli_v3 g;  /* target in the tip's frame */
     double rho; /* its distance from the tip's axis */
     int turn;
     double tolerance;
@@ -9292,10 +9327,7 @@ static int ndli_search_leaves(double x, double low, double high, double gradient
     return (x <= low && gradient > 0) || (x >= high && gradient < 0);
 }
 
-static double ndli_search_into(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_search_into(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 /* Levenberg-Marquardt within the limits, from (*s, *w); a variable at a limit that the descent would leave stays. */
 static void ndli_search_descend(const ndli_search *q, double *s, double *w)
@@ -9818,8 +9850,8 @@ NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip
         return result;
     result = ndli_pose_read(tip, &pose);
     if (result != SB_OK)
-        return sbi_fail(error, result, result == SB_ERROR_NOT_FINITE ? "the tip is not finite"
-                                                                     : "the tip's frame is not orthonormal");
+        return sbi_fail(error, result,
+                        result == SB_ERROR_NOT_FINITE ? "the tip is not finite" : "the tip's frame is not orthonormal");
     if (!sb_v3_is_finite(target))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the target is not finite");
     ndli_plan_search(def, &pose, ndli_from(target), 0, plan);
@@ -10016,7 +10048,7 @@ static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
         plan->length -= plan->pieces[0].length;
         plan->piece_count--;
         memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
-        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979    ? turn - (sb_real)6.28318530717959
                                : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
                                                                    : turn;
     }
@@ -10407,57 +10439,57 @@ NDL_API sb_result ndl_push_choose(const ndl_push_def *def, const sb_mat3 *compli
 /* couple_line: what the coupled solve keeps of a rod, its line of nodes. Floor 6, internal: couple_line.c is the rod's
  * part of the linear system, couple.c finds the friction states.
  *
- * Rod nodes first .. first + count - 1 sit on the body's nodes path[0 .. count - 1]. The unknowns are displacements over
- * the step: of the body's nodes, u; the slip alpha of a coupled node along its tangent t; and the motion z of a free one.
- * Rod node i moves by
+ * Rod nodes first .. first + count - 1 sit on the body's nodes path[0 .. count - 1]. The unknowns are displacements
+ * over the step: of the body's nodes, u; the slip alpha of a coupled node along its tangent t; and the motion z of a
+ * free one. Rod node i moves by
  *
  *     u + t alpha   coupled        z   free        target - x   held
  *
- * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. Where forces balance
- * before the end of the step (generalised alpha), unknowns are those of that level; the whole way is 1/level of it, and the
- * force there the same share between that of the last step and that at the end. The rod is
+ * so that normal forces and static friction need no multipliers: they are the balance of the rod's rows. Where forces
+ * balance before the end of the step (generalised alpha), unknowns are those of that level; the whole way is 1/level of
+ * it, and the force there the same share between that of the last step and that at the end. The rod is
  * stepped by implicit Euler: its own vibrations are far above what steps resolve, and Euler leaves none of them. With
- * constraints on displacements that is passive next to a body stepped by Newmark (the rod's inertia, damping and stiffness
- * seen through the body's velocity have no negative real part on the unit circle). */
+ * constraints on displacements that is passive next to a body stepped by Newmark (the rod's inertia, damping and
+ * stiffness seen through the body's velocity have no negative real part on the unit circle). */
 #ifndef NDL_COUPLE_LINE_H
 #define NDL_COUPLE_LINE_H
 
 
-/* Unknowns of a rod node: the first three are z (in the block solve also u), the fourth is alpha. A bend joins the first of
- * node i - 2 to the last of node i. */
+/* Unknowns of a rod node: the first three are z (in the block solve also u), the fourth is alpha. A bend joins the
+ * first of node i - 2 to the last of node i. */
 enum { NDLI_LINE_UNKNOWNS = 4, NDLI_LINE_WIDTH = 11 };
 
 typedef struct ndli_line {
-    ndl_rod *rod;    /* borrowed */
-    int capacity;    /* rod nodes there is room for */
+    ndl_rod *rod; /* borrowed */
+    int capacity; /* rod nodes there is room for */
     sb_allocator allocator;
     void *memory;
 
     /* set by the room above before a solve */
     int first, count; /* rod node of path[0], and how many there are; node_count and 0: the rod is not in tissue. A node
                        * may follow: a tip that is hardly in has none of its own in the tissue */
-    const int *path; /* [count] nodes of the body */
+    const int *path;  /* [count] nodes of the body */
     unsigned char *state; /* [nodes] ndl_contact; as found after it */
-    double *friction; /* [nodes] N: limit of static friction, and dynamic friction */
-    double *viscous;  /* [nodes] N s/m: friction per slip speed */
-    double cutting;   /* N: what holds the tip back beside friction while it goes forward */
+    double *friction;     /* [nodes] N: limit of static friction, and dynamic friction */
+    double *viscous;      /* [nodes] N s/m: friction per slip speed */
+    double cutting;       /* N: what holds the tip back beside friction while it goes forward */
 
     /* what a solve finds */
-    double *slip;        /* [nodes] m along the tangent, of the rod past the tissue */
-    ndli_v3 *move;       /* [nodes] displacement of the rod's nodes (m) */
-    ndli_v3 *contact;    /* [nodes] force of the tissue on the rod (N); before it, that of the last step */
-    ndli_v3 *reaction;   /* [nodes] force of the supports on the rod (N) */
+    double *slip;      /* [nodes] m along the tangent, of the rod past the tissue */
+    ndli_v3 *move;     /* [nodes] displacement of the rod's nodes (m) */
+    ndli_v3 *contact;  /* [nodes] force of the tissue on the rod (N); before it, that of the last step */
+    ndli_v3 *reaction; /* [nodes] force of the supports on the rod (N) */
 
     /* holds nothing between solves */
-    double dt, level;    /* level: share of the new forces in the body's equations */
+    double dt, level; /* level: share of the new forces in the body's equations */
     const sb_matrix *matrix;
-    ndli_v3 *tangent;    /* [nodes] */
-    ndli_v3 *load;       /* [nodes] right-hand side (N) */
-    ndli_v3 *before;     /* [nodes] contact of the last step (N) */
-    ndli_v3 *motion;     /* [nodes] */
-    ndli_v3 *force;      /* [nodes] H times motion (N) */
-    double *band;        /* [4 nodes][NDLI_LINE_WIDTH + 1] */
-    double *right;       /* [4 nodes] */
+    ndli_v3 *tangent; /* [nodes] */
+    ndli_v3 *load;    /* [nodes] right-hand side (N) */
+    ndli_v3 *before;  /* [nodes] contact of the last step (N) */
+    ndli_v3 *motion;  /* [nodes] */
+    ndli_v3 *force;   /* [nodes] H times motion (N) */
+    double *band;     /* [4 nodes][NDLI_LINE_WIDTH + 1] */
+    double *right;    /* [4 nodes] */
 } ndli_line;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -10467,10 +10499,7 @@ NDLI_API void ndli_line_free(ndli_line *line); /* safe on zeros */
 
 SB_INLINE int ndli_line_is_slipping(const ndli_line *line, int i) { return line->state[i] > NDL_STATIC; }
 /* 1 towards the tip, -1 towards the base. */
-SB_INLINE int ndli_line_sign(const ndli_line *line, int i)
-{
-    return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1;
-}
+SB_INLINE int ndli_line_sign(const ndli_line *line, int i) { return line->state[i] == NDL_DYNAMIC_FORWARD ? 1 : -1; }
 /* The last coupled node: what holds the tip acts there. */
 SB_INLINE int ndli_line_foremost(const ndli_line *line) { return line->first + line->count - 1; }
 /* Largest friction against slip of that sign (N). */
@@ -10485,16 +10514,16 @@ SB_INLINE int ndli_line_unknown_count(const ndli_line *line) { return NDLI_LINE_
 NDLI_API int ndli_line_linearise(ndli_line *line, const sbi_guest_step *step);
 /* unknown[4 nodes] = where a solve starts: the rod goes on as it goes, nothing slips. */
 NDLI_API void ndli_line_start(const ndli_line *line, double *unknown);
-/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states, factored;
- * matrix: the body's. 0: not positive definite. */
+/* The band of what the rod's unknowns and its coupled nodes have among themselves at the present friction states,
+ * factored; matrix: the body's. 0: not positive definite. */
 NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix);
 /* Before a step: the contact forces are those at its start. */
 NDLI_API void ndli_line_keep_contact(ndli_line *line);
 
 /* The parts of a guest's calls; unknown: [4 nodes], nodes: [count][3] of the body's nodes on the path. */
 /* y = loads - G x (loads != 0), or G x. */
-NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
-                              double *out_nodes);
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes,
+                              double *out_unknown, double *out_nodes);
 /* z = (G + A)^-1 r on its rows. */
 NDLI_API void ndli_line_solve_block(ndli_line *line, const double *unknown, const double *nodes, double *out_unknown,
                                     double *out_nodes);
@@ -10516,16 +10545,16 @@ typedef struct ndli_couple {
     ndli_line *const *lines; /* [count] */
     int count;
     int max_trials;
-    ndl_couple_info info;    /* trials, consistent: of the solve that has ended */
+    ndl_couple_info info; /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
     const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
-    int fewest, stalled;     /* how many states were contradicted at best, and for how many trials it has not been fewer */
+    int fewest, stalled; /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Makes the guest. unknown: [sum of ndli_line_unknown_count], nodes: [sum of the lines' counts], both borrowed until the
- * solve has ended. */
+/* Makes the guest. unknown: [sum of ndli_line_unknown_count], nodes: [sum of the lines' counts], both borrowed until
+ * the solve has ended. */
 NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                   double *unknown, int *nodes);
 /* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */
@@ -10546,7 +10575,7 @@ static void ndli_line_layout(ndli_line *line, sbi_arena *arena)
 {
     size_t n = (size_t)line->capacity;
     ndli_v3 **vectors[] = {&line->move, &line->contact, &line->reaction, &line->tangent,
-                           &line->load, &line->before, &line->motion, &line->force};
+                           &line->load, &line->before,  &line->motion,   &line->force};
     double **reals[] = {&line->friction, &line->viscous, &line->slip};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
@@ -10680,8 +10709,8 @@ static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
     out[0] = v.x, out[1] = v.y, out[2] = v.z;
 }
 
-/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
- * way. */
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times
+ * their way. */
 static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
@@ -10690,13 +10719,13 @@ static void ndli_line_expand(ndli_line *line, double held, const double *unknown
         ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
         if (coupled && ndli_line_is_slipping(line, i))
             way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
-        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
-                                       : ndli_scale(1 / line->level, way);
+        line->motion[i] =
+            rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i])) : ndli_scale(1 / line->level, way);
     }
 }
 
-NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
-                              double *out_nodes)
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes,
+                              double *out_unknown, double *out_nodes)
 {
     const ndl_rod *rod = line->rod;
     memset(out_unknown, 0, (size_t)ndli_line_unknown_count(line) * sizeof *out_unknown);
@@ -10713,7 +10742,8 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
         }
         row = ndli_scale(line->level, row);
         if (coupled)
-            ndli_line_put(out_nodes, 3, i - line->first, loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
+            ndli_line_put(out_nodes, 3, i - line->first,
+                          loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
         else if (!rod->held[i])
             ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, i, row);
     }
@@ -10723,9 +10753,9 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
 
 /* Displacements of node i by its unknowns: [first, along] (u or z, alpha). */
 typedef struct ndli_line_map {
-    int moves[3];  /* 1: the component is an unknown, */
-    int slips;     /* 1: the fourth is */
-    int node;      /* the body's node of the first three, or -1 */
+    int moves[3]; /* 1: the component is an unknown, */
+    int slips;    /* 1: the fourth is */
+    int node;     /* the body's node of the first three, or -1 */
     ndli_v3 along;
 } ndli_line_map;
 
@@ -10742,7 +10772,8 @@ static ndli_line_map ndli_line_get_map(const ndli_line *line, int i)
 }
 
 /* out += the block of the body's matrix between the nodes of two rod nodes. */
-static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b, ndli_m3 *out)
+static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b,
+                                     ndli_m3 *out)
 {
     int place = a->node >= 0 && b->node >= 0 ? sb_matrix_find(line->matrix, a->node, b->node) : -1;
     for (int c = 0; place >= 0 && c < 9; c++)
@@ -10787,8 +10818,8 @@ NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
             ndli_line_block(line, i, k, block);
             for (int r = 0; r < N; r++)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
-                    line->band[(size_t)(N * i + r) * STRIDE + (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] =
-                        block[r][c];
+                    line->band[(size_t)(N * i + r) * STRIDE +
+                               (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] = block[r][c];
         }
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }
@@ -11031,10 +11062,10 @@ NDLI_API sb_result ndli_couple_check(const ndli_couple *couple, sb_error *error)
 }
 
 /* ==== src/needle/needle_private.h ==== */
-/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
- * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
- * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
- * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's
+ * resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes
+ * a step back, needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -11047,7 +11078,7 @@ typedef struct ndli_capsule {
 struct ndl_needle {
     sb_allocator allocator;
     struct ndli_site *site; /* what it shares with the other needles of its body */
-    int index;            /* number at the remesher */
+    int index;              /* number at the remesher */
     ndl_rod *rod;
     ndli_line line;
     ndl_bevel bevel;
@@ -11059,15 +11090,15 @@ struct ndl_needle {
     void *cutting_user;
     int max_trials;
     sb_real entry_slip;
-    double edge_length;   /* m, of nodes outside */
+    double edge_length; /* m, of nodes outside */
 
-    ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
-    int base_given;       /* 1: the sleeve shall be at given_... at the end of the step */
+    ndli_v3 outlet, axis;                             /* the sleeve: rod node 1, and where edge 0 looks */
+    int base_given;                                   /* 1: the sleeve shall be at given_... at the end of the step */
     ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
 
-    double fed, advance;  /* m */
-    ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
-                           * chord of it, which lags behind by an angle that remeshing changes */
+    double fed, advance; /* m */
+    ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
+                          * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
@@ -11088,16 +11119,16 @@ struct ndl_needle {
 struct ndli_site {
     sb_body *body;
     sb_allocator allocator;
-    int listener;              /* its number at the body */
+    int listener; /* its number at the body */
     ndl_remesh *remesh;
-    const ndli_topology *mesh; /* the remesher's */
+    const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
-    double mean_edge;  /* of the undeformed mesh (m) */
-    int *coupled;      /* [node_room] nodes of the body that needles are on, of a solve */
-    double *unknown;   /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
+    double mean_edge; /* of the undeformed mesh (m) */
+    int *coupled;     /* [node_room] nodes of the body that needles are on, of a solve */
+    double *unknown;  /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
-    unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
+    unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
     size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
 };
 
@@ -11150,8 +11181,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* What the ints of a command in a recording begin with. */
 typedef enum ndli_needle_command {
-    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
-    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_STEP = 1,        /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2,        /* and the needle; base, direction, director */
     NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
     NDLI_COMMAND_NEEDLE_GONE = 4
 } ndli_needle_command;
@@ -11174,14 +11205,16 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
+/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
+ * none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_keep(struct ndli_site *site);
 /* Brings it back. */
 NDLI_API void ndli_needle_undo(struct ndli_site *site);
-/* Where the body has got another mesh since the last step: needles are outside, whatever they were in. SB_ERROR_MEMORY. */
+/* Where the body has got another mesh since the last step: needles are outside, whatever they were in.
+ * SB_ERROR_MEMORY. */
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
 #endif
 
@@ -11201,7 +11234,8 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     int count = 0;
     for (int t = 0; t < mesh->tet_end; t++)
         for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
-            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
+            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]],
+                j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
             if (ndli_topology_first_tet(mesh, i, j) != t)
                 continue;
             sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));
@@ -11371,8 +11405,8 @@ NDL_API int ndl_needle_tip_material(const ndl_needle *needle, sb_vec3 *X)
 }
 
 /* ==== src/needle/needle_state.c ==== */
-/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is not
- * kept; what the remesher knows is its own part, which is checked before this one. */
+/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is
+ * not kept; what the remesher knows is its own part, which is checked before this one. */
 
 #include <string.h>
 
@@ -11593,8 +11627,8 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
     if (result == SB_OK && nodes != h.node_count)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index, h.node_count,
-                          nodes);
+        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index,
+                          h.node_count, nodes);
     *used = image.used + (result == SB_OK ? rod : 0);
     return result;
 }
@@ -11605,14 +11639,17 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved needles are of a machine with another order of bytes");
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (h->used[i] != (site->needles[i] != NULL))
-            return sbi_fail(error, SB_ERROR_STATE, h->used[i] ? "the state has a needle %d, the body has not"
-                                                              : "the body has a needle %d, the state has not", i);
+            return sbi_fail(error, SB_ERROR_STATE,
+                            h->used[i] ? "the state has a needle %d, the body has not"
+                                       : "the body has a needle %d, the state has not",
+                            i);
     if (h->count != site->count || !(h->mean_edge > 0) || h->mean_edge - h->mean_edge != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles are damaged in their head");
     return SB_OK;
 }
 
-static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error)
+static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                 sb_error *error)
 {
     const struct ndli_site *site = (const struct ndli_site *)user;
     ndli_site_head head;
@@ -11630,7 +11667,8 @@ static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned
             at += used;
         }
     if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+        result =
+            sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
     return result;
 }
 
@@ -11982,7 +12020,7 @@ static int ndli_resist_is_at_skin(const ndl_needle *needle)
     tip = needle->path[needle->line.count - 1];
     way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
     return ndli_topology_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
-                                mesh->node_star[tip] / 4, NULL) < 0;
+                              mesh->node_star[tip] / 4, NULL) < 0;
 }
 
 /* What the tip has to cut, or what nothing can overcome. */
@@ -12131,8 +12169,8 @@ static void ndli_tip_take_heading(ndl_needle *needle)
         return;
     before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
     b = ndli_norm(before);
-    needle->heading = ndli_tip_unit(
-        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
+    needle->heading =
+        ndli_tip_unit(ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
 /* ---- the mesh follows ---- */
@@ -12140,8 +12178,8 @@ static void ndli_tip_take_heading(ndl_needle *needle)
 enum { NDLI_HOLD_STEPS = 8 };
 
 /* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
- * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
- * shaft that straightens, must not keep it from being drawn back. */
+ * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or
+ * a shaft that straightens, must not keep it from being drawn back. */
 static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
@@ -12256,19 +12294,20 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     double back = needle->site->mean_edge;
     sb_vec3 entry;
     ndl_surface_hit hit;
-    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
-                       ndli_tip_shallow(needle)))
+    if (count < 2 ||
+        !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) < ndli_tip_shallow(needle)))
         return;
     entry = mesh->x[path[0]];
     if (ndl_remesh_withdraw(remesh, needle->index, NULL, NULL) != SB_OK)
         return; /* it stays as it is */
     if (ndli_topology_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
-                            ndli_to(rod->x[rod->node_count - 1]), &hit))
-        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
+                          ndli_to(rod->x[rod->node_count - 1]), &hit))
+        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL,
+                                          NULL); /* without success it is out: a little early */
 }
 
-/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
- * the needle is stretched until its tip would be outside. */
+/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in
+ * it, the needle is stretched until its tip would be outside. */
 static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->site->remesh;
@@ -12391,8 +12430,8 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
 /* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
- * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
- * not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
+ * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside
+ * could not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
 static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
 {
     return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);
@@ -12814,8 +12853,8 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     return SB_OK;
 }
 
-/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
- * step's undo takes back. */
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the
+ * whole step's undo takes back. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
     struct ndli_site *site = s->site;
@@ -12909,8 +12948,8 @@ static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const
         most = stride > most ? stride : most;
     }
     if (!(most < ndli_step_most_substeps))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
-                        (double)dt);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s",
+                        most, (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;
     return SB_OK;
 }
@@ -12928,8 +12967,8 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
-/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how many;
- * 0: nothing has changed. */
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
+ * many; 0: nothing has changed. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -13052,8 +13091,10 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
         return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
                                     sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
     if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
-                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needle %d was %s while this was recorded: what follows cannot be "
+                        "played",
+                        ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
     return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
 }
 
@@ -13323,7 +13364,8 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->line.first = rod->node_count;
 }
 
-static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def, sb_error *error)
+static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def,
+                                   sb_error *error)
 {
     sb_result result;
     int bad;
@@ -13349,7 +13391,8 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
-        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes",
+                        INT_MAX / NDLI_LINE_UNKNOWNS);
     return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
                                                     (int)site->node_room, error)
                            : result;
@@ -13387,7 +13430,8 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     if (site->count == NDL_MAX_NEEDLES)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body has %d needles already", (int)NDL_MAX_NEEDLES);
     made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    result =
+        made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
         ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);

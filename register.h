@@ -23,12 +23,13 @@
  *
  * WHAT IT DOES NOT DO
  *
- * It finds no organ in a picture, and no landmark: it begins with points. A surface that slid along itself looks the same;
- * what the shape leaves open is decided by the elastic energy, or by landmarks.
+ * It finds no organ in a picture, and no landmark: it begins with points. A surface that slid along itself looks the
+ * same; what the shape leaves open is decided by the elastic energy, or by landmarks.
  *
  * A FIRST PROGRAM
  *
- * An organ model is matched to a scan of an organ that was bent and moved: first rigidly, from any pose, then elastically.
+ * An organ model is matched to a scan of an organ that was bent and moved: first rigidly, from any pose, then
+ * elastically.
  *
  *     ```c
  *     #define SB_IMPLEMENTATION
@@ -256,7 +257,7 @@
 #define REG_VERSION_PATCH 0
 #define REG_VERSION_STRING "0.5.0"
 
-#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR || \
+#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     REG_VERSION_PATCH != SB_VERSION_PATCH
 #error "register.h and softbody.h are of different versions: take both from one release"
 #endif
@@ -374,8 +375,8 @@ REG_API int reg_kdtree_within(const reg_kdtree *tree, sb_vec3 point, sb_real rad
 
 /* Points with normals or without. Its arrays come from its allocator; fill them by hand only with memory of that. */
 typedef struct reg_cloud {
-    sb_vec3 *points;        /* [count], m */
-    sb_vec3 *normals;       /* [count], unit length (0: none known), or NULL */
+    sb_vec3 *points;  /* [count], m */
+    sb_vec3 *normals; /* [count], unit length (0: none known), or NULL */
     int count;
     sb_allocator allocator;
 } reg_cloud;
@@ -471,9 +472,9 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
 
 /* What smoothing found. */
 typedef struct reg_smooth_info {
-    sb_real noise;  /* m: standard deviation of the points across the surface */
-    sb_real left;   /* m: what smoothing left of it */
-    int outliers;   /* points that belong to nothing */
+    sb_real noise; /* m: standard deviation of the points across the surface */
+    sb_real left;  /* m: what smoothing left of it */
+    int outliers;  /* points that belong to nothing */
 } reg_smooth_info;
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as
@@ -507,18 +508,18 @@ typedef enum reg_field_kind {
 
 /* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
 typedef struct reg_field_def {
-    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
-    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
-    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
-    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
+    reg_field_kind kind;    /* default REG_FIELD_DISTANCE */
+    const sb_mesh *surface; /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
+    const sb_vec3 *points;  /* [point_count] a cloud (m), or NULL */
+    const sb_vec3 *normals; /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
     int point_count;
-    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
-                               * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
-                               * takes some 0.3 s */
-    sb_allocator allocator;   /* zeros: malloc */
-    sb_jobs jobs;             /* threads for the creation; zeros: none */
-    unsigned cookie;          /* set by reg_default_field_def */
+    sb_vec3 low, high;      /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
+                             * target. Equal corners (default): that */
+    int cells;              /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                             * takes some 0.3 s */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by reg_default_field_def */
 } reg_field_def;
 REG_API reg_field_def reg_default_field_def(void);
 
@@ -544,9 +545,9 @@ REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, 
 
 /* The potential on a line through a point. */
 typedef struct reg_field_sample {
-    sb_real phi;         /* m */
-    sb_real phi_n;       /* slope along the direction over the length `step` */
-    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
+    sb_real phi;    /* m */
+    sb_real phi_n;  /* slope along the direction over the length `step` */
+    sb_real phi_nn; /* derivative of phi_n along the direction (1/m); of either sign */
 } reg_field_sample;
 /* Samples the potential at point (m) along the unit vector direction:
  *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds
@@ -587,7 +588,7 @@ REG_API int reg_field_sweeps(const reg_field *field);
 
 /* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
 typedef struct reg_icp_shape {
-    const sb_vec3 *points;     /* [count], m; also of a surface: its nodes, or samples of it */
+    const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
@@ -614,22 +615,22 @@ typedef struct reg_icp_landmark {
 
 /* Start from reg_default_icp_options(). */
 typedef struct reg_icp_options {
-    reg_icp_overlap overlap;  /* WHOLE */
-    reg_icp_metric metric;    /* PLANE */
-    int search;               /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
-    reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
+    reg_icp_overlap overlap;           /* WHOLE */
+    reg_icp_metric metric;             /* PLANE */
+    int search;                        /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
+    reg_rigid start;                   /* model to target; identity. With search it is one candidate among the others */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
-    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    reg_outliers outliers;     /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
     sb_real outlier_parameter; /* 3 */
-    sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
-    int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
-    int max_iterations;       /* >= 1, of the last stage; 100 */
-    sb_real tolerance;        /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
-    sb_clock clock;           /* NULL: no time limit */
-    double max_seconds;       /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
-    sb_allocator allocator;   /* zeros: malloc */
-    int cookie;               /* set by reg_default_icp_options */
+    sb_real max_distance;      /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
+    int sample;                /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
+    int max_iterations;        /* >= 1, of the last stage; 100 */
+    sb_real tolerance;         /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
+    sb_clock clock;            /* NULL: no time limit */
+    double max_seconds;        /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
+    sb_allocator allocator;    /* zeros: malloc */
+    int cookie;                /* set by reg_default_icp_options */
 } reg_icp_options;
 
 typedef enum reg_icp_stop {
@@ -640,13 +641,13 @@ typedef enum reg_icp_stop {
 
 typedef struct reg_icp_info {
     reg_icp_stop stop;
-    int iterations;        /* of the last stage */
-    int candidates;        /* poses that the search tried */
-    int pairs;             /* that counted at the end, without landmarks */
-    sb_real overlap;       /* their share of all points that looked */
-    sb_real mean, rms;     /* m, distance between the partners that counted */
-    sb_real landmark_rms;  /* m, weighted; 0 without landmarks */
-    double seconds;        /* 0 without a clock */
+    int iterations;       /* of the last stage */
+    int candidates;       /* poses that the search tried */
+    int pairs;            /* that counted at the end, without landmarks */
+    sb_real overlap;      /* their share of all points that looked */
+    sb_real mean, rms;    /* m, distance between the partners that counted */
+    sb_real landmark_rms; /* m, weighted; 0 without landmarks */
+    double seconds;       /* 0 without a clock */
 } reg_icp_info;
 
 REG_API reg_icp_options reg_default_icp_options(void);
@@ -694,7 +695,7 @@ typedef enum reg_cpd_kind {
     REG_CPD_RIGID = 0,      /* rotation, translation */
     REG_CPD_SIMILARITY = 1, /* rotation, translation, scale */
     REG_CPD_AFFINE = 2,
-    REG_CPD_NONRIGID = 3    /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
+    REG_CPD_NONRIGID = 3 /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
 } reg_cpd_kind;
 
 typedef enum reg_cpd_stop {
@@ -706,8 +707,8 @@ typedef enum reg_cpd_stop {
 
 /* How far a fit is, and how it ended. */
 typedef struct reg_cpd_info {
-    int iterations;        /* updates of the motion */
-    int rank;              /* columns of the kernel's factor; 0 unless non-rigid */
+    int iterations; /* updates of the motion */
+    int rank;       /* columns of the kernel's factor; 0 unless non-rigid */
     reg_cpd_stop stop;
     sb_real sigma;         /* m: distance, per coordinate, that is left between partners */
     sb_real explained;     /* expected number of target points that are no outliers */
@@ -749,10 +750,10 @@ typedef struct reg_cpd_options {
     int (*progress)(void *user, const reg_cpd_info *info); /* after each iteration, by the caller's thread; a result
                                                             * other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_clock clock;           /* default NULL */
-    sb_allocator allocator;   /* default malloc */
-    sb_jobs jobs;             /* default inline; any gives the same bits */
-    unsigned cookie;          /* set by reg_default_cpd_options; options made without it are refused */
+    sb_clock clock;         /* default NULL */
+    sb_allocator allocator; /* default malloc */
+    sb_jobs jobs;           /* default inline; any gives the same bits */
+    unsigned cookie;        /* set by reg_default_cpd_options; options made without it are refused */
 } reg_cpd_options;
 
 REG_API reg_cpd_options reg_default_cpd_options(void);
@@ -837,44 +838,44 @@ typedef enum reg_match_stop {
 /* What a match is made from. Start from reg_default_match_def(), set body and a target. Lengths are shares of the
  * organ's size: the diagonal of its bounding box. */
 typedef struct reg_match_def {
-    sb_body *body;            /* volume mesh at rest or deformed; borrowed: the match moves it, and it must outlive the
-                               * match. Supports hold their nodes where they are to be (sb_body_fix_nodes for regions
-                               * known not to move); dead loads, springs and mappings act; constraints are refused.
-                               * Gravity acts too: leave it 0 when the rest shape already hangs in it */
-    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                               * the body. Read at creation only */
-    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    sb_body *body;          /* volume mesh at rest or deformed; borrowed: the match moves it, and it must outlive the
+                             * match. Supports hold their nodes where they are to be (sb_body_fix_nodes for regions
+                             * known not to move); dead loads, springs and mappings act; constraints are refused.
+                             * Gravity acts too: leave it 0 when the rest shape already hangs in it */
+    const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                             * the body. Read at creation only */
+    const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
     int target_count;
     reg_match_method method;
-    int cells;                /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
-    int partial;              /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
-                               * SB_AUTO (default): 1 for open surfaces and for clouds */
-    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
-                               * both > 0; default 0.1, 0.02 */
-    sb_real least_cosine;     /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
-                               * default 0.5 */
-    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
-                               * landmarks it is not asked for */
-    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
-                               * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
-                               * of loads normal to the surface. 7 takes half the steps and holds on to what is near
-                               * from the beginning: better by a quarter where the surface was dragged along itself */
-    sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
-                               * decides what it leaves open. Less follows noise less */
+    int cells;   /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
+    int partial; /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
+                  * SB_AUTO (default): 1 for open surfaces and for clouds */
+    sb_real reach, last_reach; /* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
+                                * both > 0; default 0.1, 0.02 */
+    sb_real least_cosine;      /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
+                                * default 0.5 */
+    sb_real least_active;      /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
+                                * landmarks it is not asked for */
+    sb_real sampling;          /* half of it to each side of the target is where the potential is rounded off, > 0;
+                                * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
+    sb_real first_charge;      /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
+                                * of loads normal to the surface. 7 takes half the steps and holds on to what is near
+                                * from the beginning: better by a quarter where the surface was dragged along itself */
+    sb_real last_charge;       /* and most of it, >= first_charge; default 100: the shape counts, the energy
+                                * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
-    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
-    const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
+    const sb_vec3 *landmarks;          /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    const sb_vec3 *landmark_targets;   /* [landmark_count] where they are seen (m) */
     int landmark_count;
     sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
-    sb_real settled;          /* the mean distance has settled when it falls by less than this share three steps
-                               * running, > 0; default 0.005 */
-    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
-    sb_clock clock;           /* default NULL: times read 0 */
-    sb_allocator allocator;   /* default malloc; the threads are the body's */
-    unsigned cookie;          /* set by reg_default_match_def */
+    sb_real settled;            /* the mean distance has settled when it falls by less than this share three steps
+                                 * running, > 0; default 0.005 */
+    double max_seconds;         /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;             /* default NULL: times read 0 */
+    sb_allocator allocator;     /* default malloc; the threads are the body's */
+    unsigned cookie;            /* set by reg_default_match_def */
 } reg_match_def;
 REG_API reg_match_def reg_default_match_def(void);
 
@@ -882,20 +883,20 @@ typedef struct reg_match reg_match;
 
 /* How a match stands. Distances are those before the last step moved the body, since that is where it looked. */
 typedef struct reg_match_info {
-    int iterations;           /* steps of this match so far */
+    int iterations; /* steps of this match so far */
     reg_match_stop stop;
-    sb_real mean_distance;    /* of the active charges from the target, by area (m) */
-    sb_real max_distance;     /* m */
-    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
-    sb_real active;           /* share of the surface's area that acts */
-    sb_real charge;           /* Young's moduli */
-    sb_real change;           /* largest displacement of a node in the last step (m) */
-    int pcg_iterations;       /* of the last step */
-    double seconds;           /* of all steps; with a clock, as are those of the last step: */
-    double seconds_field;     /* looking for the target, */
-    double seconds_system;    /* forces, tangent and preconditioner, */
-    double seconds_solve;     /* and the linear system */
-    sb_error error;           /* of a call that failed */
+    sb_real mean_distance;     /* of the active charges from the target, by area (m) */
+    sb_real max_distance;      /* m */
+    sb_real landmark_distance; /* largest, of landmarks from where they are seen (m) */
+    sb_real active;            /* share of the surface's area that acts */
+    sb_real charge;            /* Young's moduli */
+    sb_real change;            /* largest displacement of a node in the last step (m) */
+    int pcg_iterations;        /* of the last step */
+    double seconds;            /* of all steps; with a clock, as are those of the last step: */
+    double seconds_field;      /* looking for the target, */
+    double seconds_system;     /* forces, tangent and preconditioner, */
+    double seconds_solve;      /* and the linear system */
+    sb_error error;            /* of a call that failed */
 } reg_match_info;
 
 /* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
@@ -910,9 +911,9 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
  * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints; SB_ERROR_STATE when its mesh has
  * changed: make a match of it anew. A recording of
- * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
- * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
- * follows them. */
+ * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added
+ * to the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching
+ * then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
  * which. Errors as of a step. */
@@ -932,9 +933,9 @@ REG_API reg_match_info reg_match_get_info(const reg_match *match);
 
 /* The charges, for pictures of what acts: [reg_match_sample_count]. */
 typedef struct reg_match_sample {
-    sb_vec3 point;      /* m, where the last step looked */
-    sb_real area;       /* m^2 at rest */
-    sb_real distance;   /* m from the target */
+    sb_vec3 point;    /* m, where the last step looked */
+    sb_real area;     /* m^2 at rest */
+    sb_real distance; /* m from the target */
     int active;
 } reg_match_sample;
 REG_API int reg_match_sample_count(const reg_match *match);
@@ -986,52 +987,52 @@ typedef enum reg_nicp_stop {
 /* What a registration is made from. Start from reg_default_nicp_def(), set body and a target. Lengths are shares of the
  * organ's size: the diagonal of its bounding box. */
 typedef struct reg_nicp_def {
-    sb_body *body;            /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
-                               * while the registration lives, of stiffness 0 between its steps, and must outlive it.
-                               * Its supports, loads and constraints act. Gravity too: leave it 0 when the rest shape
-                               * already hangs in it */
-    const sb_grid *grid;      /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
-                               * through the grid's mapping. Read at creation only, as are all below */
-    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                               * the body */
-    int sources;              /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
-    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    sb_body *body;          /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
+                             * while the registration lives, of stiffness 0 between its steps, and must outlive it.
+                             * Its supports, loads and constraints act. Gravity too: leave it 0 when the rest shape
+                             * already hangs in it */
+    const sb_grid *grid;    /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
+                             * through the grid's mapping. Read at creation only, as are all below */
+    const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                             * the body */
+    int sources;            /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
+    const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
     int target_count;
-    int samples;              /* most points of the target that look for sources, evenly spread, >= 0; default 2000 */
+    int samples; /* most points of the target that look for sources, evenly spread, >= 0; default 2000 */
     reg_nicp_view view;
-    sb_vec3 camera;           /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
-    sb_real blending;         /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
-    sb_real sliding;          /* s, [0, 1]; default 0.999: the organ may slide along the target, whose closest places say
-                               * little about that. 0: as in the source, which costs a third of the accuracy. With 1
-                               * nothing holds a ball that may turn */
-    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the
-                               * target's shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
-    sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
-                               * target has no normals */
-    reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
+    sb_vec3 camera;        /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
+    sb_real blending;      /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
+    sb_real sliding;       /* s, [0, 1]; default 0.999: the organ may slide along the target, whose closest places say
+                            * little about that. 0: as in the source, which costs a third of the accuracy. With 1
+                            * nothing holds a ball that may turn */
+    int noisy;             /* 1: n is the normal of the organ and not that of the target: less is made of the
+                            * target's shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
+    sb_real least_cosine;  /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
+                            * target has no normals */
+    reg_outliers outliers; /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
     sb_real outlier_parameter; /* default 3 */
-    sb_real reach, last_reach;/* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
-                               * 0.03 */
-    sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
-                               * default 300. Where the organ bends by more than a tenth of its size: 30 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
-    int increments;           /* of the stiffness, >= 1; default 4 */
-    int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
-    int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
-    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
-    sb_real tolerance;        /* rms motion of the surface that counts as none, > 0; default 5e-5 */
-    sb_real least_active;     /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
-                               * with landmarks */
-    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    sb_real reach, last_reach; /* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
+                                * 0.03 */
+    sb_real first_stiffness;   /* penalty per area to begin with, in Young's modulus over organ size, > 0;
+                                * default 300. Where the organ bends by more than a tenth of its size: 30 */
+    sb_real last_stiffness;    /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
+    int increments;            /* of the stiffness, >= 1; default 4 */
+    int iterations;            /* most looks at the target in an increment, >= 1; default 2 */
+    int newton;                /* most Newton iterations of a balance, >= 1; default 6 */
+    sb_real newton_tolerance;  /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
+    sb_real tolerance;         /* rms motion of the surface that counts as none, > 0; default 5e-5 */
+    sb_real least_active;      /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
+                                * with landmarks */
+    const sb_vec3 *landmarks;  /* [landmark_count] points on or in the organ at rest (m), or NULL */
     const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
     int landmark_count;
     sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
-    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
-    sb_clock clock;           /* default NULL: times read 0 */
-    sb_allocator allocator;   /* default malloc; the threads are the body's */
-    unsigned cookie;          /* set by reg_default_nicp_def */
+    double max_seconds;         /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;             /* default NULL: times read 0 */
+    sb_allocator allocator;     /* default malloc; the threads are the body's */
+    unsigned cookie;            /* set by reg_default_nicp_def */
 } reg_nicp_def;
 REG_API reg_nicp_def reg_default_nicp_def(void);
 
@@ -1039,29 +1040,30 @@ typedef struct reg_nicp reg_nicp;
 
 /* How it stands. Distances are those before the last step moved the body, since that is where it looked. */
 typedef struct reg_nicp_info {
-    int iterations;           /* looks at the target so far */
-    int increment;            /* of the stiffness, from 1 */
+    int iterations; /* looks at the target so far */
+    int increment;  /* of the stiffness, from 1 */
     reg_nicp_stop stop;
-    sb_real mean_distance;    /* of paired sources from the target, by area (m) */
-    sb_real max_distance;     /* m */
-    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
-    sb_real active;           /* share of the surface's area that is paired */
-    int visible;              /* sources that the camera sees */
-    int pruned;               /* sources whose partner was too far away, looked elsewhere, or lay on the rim */
-    sb_real stiffness;        /* penalty per area (Pa/m) */
-    sb_real change;           /* rms motion of the sources in the last step (m) */
-    int newton_iterations;    /* of the last step */
+    sb_real mean_distance;     /* of paired sources from the target, by area (m) */
+    sb_real max_distance;      /* m */
+    sb_real landmark_distance; /* largest, of landmarks from where they are seen (m) */
+    sb_real active;            /* share of the surface's area that is paired */
+    int visible;               /* sources that the camera sees */
+    int pruned;                /* sources whose partner was too far away, looked elsewhere, or lay on the rim */
+    sb_real stiffness;         /* penalty per area (Pa/m) */
+    sb_real change;            /* rms motion of the sources in the last step (m) */
+    int newton_iterations;     /* of the last step */
     int pcg_iterations;
-    double seconds;           /* of all steps; with a clock, as are those of the last step: */
-    double seconds_pairs;     /* looking for partners, */
-    double seconds_solve;     /* and finding the balance */
-    sb_error error;           /* of a call that failed */
+    double seconds;       /* of all steps; with a clock, as are those of the last step: */
+    double seconds_pairs; /* looking for partners, */
+    double seconds_solve; /* and finding the balance */
+    sb_error error;       /* of a call that failed */
 } reg_nicp_info;
 
 /* Makes a registration; the body's shape is not touched, its loads get the penalties, with no force yet.
  * SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no Young's modulus to measure the penalty
  * with), what reg_field_create says of the target, what sb_surface_create, sb_embedding_create and sb_grid_map_points
- * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
+ * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and
+ * the body are then untouched. */
 REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error);
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
@@ -1094,11 +1096,11 @@ REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points);
 
 /* The sources, for pictures of what is paired: [reg_nicp_source_count]. */
 typedef struct reg_nicp_source {
-    int vertex;         /* of the surface */
-    sb_vec3 point;      /* m, where the last step looked */
-    sb_vec3 goal;       /* m, where it was drawn to */
-    sb_real area;       /* m^2 at rest that it stands for */
-    sb_real distance;   /* m from the target */
+    int vertex;       /* of the surface */
+    sb_vec3 point;    /* m, where the last step looked */
+    sb_vec3 goal;     /* m, where it was drawn to */
+    sb_real area;     /* m^2 at rest that it stands for */
+    sb_real distance; /* m from the target */
     int visible, active;
 } reg_nicp_source;
 REG_API int reg_nicp_source_count(const reg_nicp *nicp);
@@ -1125,7 +1127,8 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
  * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it. The match's landmarks are samples of their
- * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to mend.
+ * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to
+ * mend.
  *
  * What acts is mostly a body of its own (the diaphragm, an instrument) that goes one way, and with it the region of
  * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
@@ -1151,45 +1154,45 @@ REG_API sb_result reg_nicp_get_source(const reg_nicp *nicp, int index, reg_nicp_
 
 /* What loads are found from. Start from reg_default_loads_def(), set match. */
 typedef struct reg_loads_def {
-    reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
-                          * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
-                          * half of the organ's. Time and memory grow with their square */
-    int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
-                          * the last, but for those that a drag is still looked for in */
-    int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
-    sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
-                          * and model leaves */
-    sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
-                          * sum of forces is least; below: fewer regions, harder edges */
-    sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
-    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
-                          * 1e-3: a third of a millimetre for a liver, what meshes leave */
-    sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
-                          * motion, [0, 1); default 0.01. 0: directions are free */
-    sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
-                          * after a rigid start; supports then move along */
-    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
-                          * before; default 1e9 */
-    sb_clock clock;      /* default NULL: times read 0 */
+    reg_match *match;   /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
+                         * its body is moved. Dead loads and gravity of the body are taken as known */
+    int samples;        /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
+                         * half of the organ's. Time and memory grow with their square */
+    int rounds;         /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
+                         * the last, but for those that a drag is still looked for in */
+    int reweights;      /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
+    sb_real misfit;     /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
+                         * and model leaves */
+    sb_real power;      /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
+                         * sum of forces is least; below: fewer regions, harder edges */
+    sb_real floor;      /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    sb_real landmark;   /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
+                         * 1e-3: a third of a millimetre for a liver, what meshes leave */
+    sb_real drag;       /* how far the motion of what bears loads may be off one common direction, as share of the
+                         * motion, [0, 1); default 0.01. 0: directions are free */
+    sb_real pose;       /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
+                         * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                         * after a rigid start; supports then move along */
+    double max_seconds; /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                         * before; default 1e9 */
+    sb_clock clock;     /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
-    unsigned cookie;     /* set by reg_default_loads_def */
+    unsigned cookie;        /* set by reg_default_loads_def */
 } reg_loads_def;
 REG_API reg_loads_def reg_default_loads_def(void);
 
 typedef struct reg_loads_info {
-    int rounds;            /* done */
-    sb_real mean_distance; /* of the charges before the last round (m) */
-    sb_real sample_misfit; /* root mean square of the gaps of the surface's samples that the last round left, as it
-                            * foresaw (m) */
-    sb_real change;        /* largest displacement of a node in the last round (m): see above */
-    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
-    sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
-    double seconds;        /* of all, with a clock; among them for */
+    int rounds;              /* done */
+    sb_real mean_distance;   /* of the charges before the last round (m) */
+    sb_real sample_misfit;   /* root mean square of the gaps of the surface's samples that the last round left, as it
+                              * foresaw (m) */
+    sb_real change;          /* largest displacement of a node in the last round (m): see above */
+    sb_vec3 drag;            /* unit vector: the direction that loads moved their region in; 0: none in common */
+    sb_real loaded;          /* share of the surface's area that bears more than a twentieth of the largest traction */
+    double seconds;          /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
-    double seconds_dense;  /* and the systems in the samples */
-    sb_error error;        /* when the call failed */
+    double seconds_dense;    /* and the systems in the samples */
+    sb_error error;          /* when the call failed */
 } reg_loads_info;
 
 /* Moves the body of a match to where loads on little of its surface bring it.
@@ -1555,8 +1558,8 @@ static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real 
         bound[c] = gap[0][c] * gap[0][c] + gap[1][c] * gap[1][c] + gap[2][c] * gap[2][c];
 }
 
-/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would raise
- * the invalid exception in each comparison.) */
+/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would
+ * raise the invalid exception in each comparison.) */
 static void regi_kdtree_distances(const regi_kdtree_leaf *leaf, sb_vec3 p, sb_real d[REGI_KDTREE_LEAF])
 {
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {
@@ -2171,8 +2174,8 @@ static void regi_cloud_fit_block(void *user, int block)
 /* A heap of the points next to those whose normals are settled, the most parallel one on top. */
 typedef struct regi_cloud_front {
     const regi_cloud_fits *fits;
-    sb_real *key;  /* [count]: 1 - |cosine| to the settled neighbour */
-    int *from;     /* [count]: that neighbour */
+    sb_real *key;      /* [count]: 1 - |cosine| to the settled neighbour */
+    int *from;         /* [count]: that neighbour */
     int *heap, *place; /* [count]: place -1: not met, -2: settled */
     int count;
 } regi_cloud_front;
@@ -2497,7 +2500,8 @@ static int regi_xyz_is_heading(regi_xyz *xyz)
     }
     if (numbers == 0)
         return 1;
-    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 || declared > INT_MAX)
+    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 ||
+        declared > INT_MAX)
         return 0;
     xyz->declared = (int)declared;
     xyz->declared_line = xyz->loader->reader.line;
@@ -2643,8 +2647,7 @@ static sb_result regi_cloud_begin(sbi_loader *loader, const void *cloud, sb_real
 }
 
 REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size_t size, reg_cloud_format format,
-                                        const char *name, sb_real scale, const sb_allocator *allocator,
-                                        sb_error *error)
+                                        const char *name, sb_real scale, const sb_allocator *allocator, sb_error *error)
 {
     sbi_loader loader;
     sb_result result = regi_cloud_begin(&loader, cloud, scale, allocator, error);
@@ -2742,7 +2745,7 @@ enum {
     REGI_SMOOTH_ASKED = 192, /* among which they are */
     REGI_SMOOTH_TERMS = 6,   /* 1 x y x^2 xy y^2 */
     REGI_SMOOTH_ROUNDS = 3,
-    REGI_SMOOTH_BLOCK = 256  /* points per task */
+    REGI_SMOOTH_BLOCK = 256 /* points per task */
 };
 
 /* What the passes over the points share. */
@@ -2750,13 +2753,13 @@ typedef struct regi_smooth {
     const sb_vec3 *points, *normals; /* [count]; normals NULL, or 0 where unknown */
     const reg_kdtree *tree;
     int count;
-    const unsigned char *out;        /* [count] 1: outliers, which no fit takes */
-    sb_real noise, usual;            /* m; that of the points, and their spacing */
-    sb_real *residual;               /* [count] distance from what the neighbours say, over its expected share */
-    sb_real *share;                  /* [count] that share: of a residual, or of what smoothing leaves, in noises */
-    sb_real *scatter;                /* [count] of the neighbours about their own surface: median (m) */
-    sb_real *spacing;                /* [count] mean distance to the neighbours (m) */
-    sb_vec3 *moved, *facing;         /* [count] smoothed points, and the normals there */
+    const unsigned char *out; /* [count] 1: outliers, which no fit takes */
+    sb_real noise, usual;     /* m; that of the points, and their spacing */
+    sb_real *residual;        /* [count] distance from what the neighbours say, over its expected share */
+    sb_real *share;           /* [count] that share: of a residual, or of what smoothing leaves, in noises */
+    sb_real *scatter;         /* [count] of the neighbours about their own surface: median (m) */
+    sb_real *spacing;         /* [count] mean distance to the neighbours (m) */
+    sb_vec3 *moved, *facing;  /* [count] smoothed points, and the normals there */
 } regi_smooth;
 
 /* Height over a plane through a point, in a frame of its own. */
@@ -2858,7 +2861,7 @@ static int regi_smooth_solve(const regi_smooth_sums *sums, sb_real coefficients[
 
 /* Weights of a robust fit: small for those much farther off than the median, which is returned. */
 static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
-                              const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
+                                 const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
 {
     sb_real off[REGI_SMOOTH_LEAST], sizes[REGI_SMOOTH_LEAST], terms[REGI_SMOOTH_TERMS], median;
     for (int i = 0; i < count; i++) {
@@ -3236,9 +3239,9 @@ enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that decide whether on
 /* Laplace's potential at the corners of a grid of cubes. */
 typedef struct regi_field_grid {
     sb_vec3 low;
-    sb_real cell;           /* m */
-    int count[3];           /* corners along each axis */
-    sb_real *phi;           /* [corners] m, x fastest */
+    sb_real cell; /* m */
+    int count[3]; /* corners along each axis */
+    sb_real *phi; /* [corners] m, x fastest */
     int sweeps;
 } regi_field_grid;
 
@@ -3247,11 +3250,11 @@ struct reg_field {
     reg_field_kind kind;
     sb_vec3 low, high;
     sb_surface *surface;
-    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
+    reg_kdtree *tree; /* of a cloud; NULL for a surface */
     int point_count;
-    sb_vec3 *points;        /* of the cloud */
-    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
-    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
+    sb_vec3 *points;       /* of the cloud */
+    sb_vec3 *normals;      /* of the cloud, unit or 0; NULL: none */
+    unsigned char *border; /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
     regi_field_grid grid;
 };
 
@@ -3622,8 +3625,8 @@ REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, 
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
     made->allocator = def->allocator;
     made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error)
-                          : regi_field_make_cloud(made, def, error);
+    result =
+        def->surface ? regi_field_make_surface(made, def->surface, error) : regi_field_make_cloud(made, def, error);
     if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
         result = regi_field_make_grid(made, def, error);
     if (result != SB_OK) {
@@ -3704,9 +3707,9 @@ enum {
     REGI_ICP_COOKIE = 0x72696370,
     REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
     REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 600,     /* points of a shape in the search */
-    REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
-    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
+    REGI_ICP_FINE = 600,    /* points of a shape in the search */
+    REGI_ICP_SPIRAL = 400,  /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10, /* rounds without a smaller mean distance */
     REGI_ICP_STAGES = 3
 };
 
@@ -3755,16 +3758,16 @@ typedef struct regi_icp_side {
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
-    int fitted;            /* normals were fitted, and may all point the wrong way */
+    int fitted; /* normals were fitted, and may all point the wrong way */
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights;
-    regi_icp_set sample;   /* of the last stage */
-    regi_icp_set spread;   /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample; /* of the last stage */
+    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
-    sb_mat3 axes;          /* columns: principal axes, turned the way the points are skewed */
-    sb_real size;          /* m, rms distance from the centre */
+    sb_mat3 axes; /* columns: principal axes, turned the way the points are skewed */
+    sb_real size; /* m, rms distance from the centre */
 } regi_icp_side;
 
 typedef struct regi_icp_pairs {
@@ -4008,8 +4011,8 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
     if (result == SB_OK)
         result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
-        result = reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree,
-                                   icp->error);
+        result =
+            reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree, icp->error);
     if (result == SB_OK)
         regi_icp_principal_axes(side);
     return result;
@@ -4057,14 +4060,14 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
 
 /* How a stage works. */
 typedef struct regi_icp_stage {
-    int coarse;            /* among the spread points instead of all */
-    int points;            /* of a set that look */
+    int coarse; /* among the spread points instead of all */
+    int points; /* of a set that look */
     reg_icp_metric metric;
     reg_outliers outliers;
     sb_real parameter;
-    sb_real reach;         /* m */
-    sb_real lost;          /* m: what an outlier counts in the score; 0: no score wanted */
-    int flip;              /* -1: the normals of one of the sides point the wrong way */
+    sb_real reach; /* m */
+    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;      /* -1: the normals of one of the sides point the wrong way */
 } regi_icp_stage;
 
 /* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
@@ -4072,8 +4075,8 @@ typedef struct regi_icp_stage {
  * weighted. */
 static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion, int back)
 {
-    const regi_icp_set *set = stage->coarse ? (back ? &icp->b.spread : &icp->a.spread)
-                                            : (back ? &icp->b.sample : &icp->a.sample);
+    const regi_icp_set *set =
+        stage->coarse ? (back ? &icp->b.spread : &icp->a.spread) : (back ? &icp->b.sample : &icp->a.sample);
     const regi_icp_side *other = back ? &icp->a : &icp->b;
     regi_icp_pairs *pairs = &icp->pairs;
     int count = sbi_min_int(set->count, stage->points);
@@ -4101,8 +4104,9 @@ static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_
 static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_stage *stage)
 {
     int count = pairs->count - first;
-    sb_real limit = reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter,
-                                      pairs->scratch), sum = 0;
+    sb_real limit =
+                reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter, pairs->scratch),
+            sum = 0;
     for (int i = first; i < pairs->count; i++) {
         if (!(pairs->distance[i] <= limit))
             pairs->weight[i] = 0;
@@ -4315,8 +4319,8 @@ static sb_mat3 regi_icp_spiral(int i, int n)
     sb_real sa, ca, sb, cb;
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.4142135623730951, pi2), &sa, &ca);
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.533751168755204288, pi2), &sb, &cb);
-    return sb_quat_to_mat3(sb_quat_normalise(
-        sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
+    return sb_quat_to_mat3(
+        sb_quat_normalise(sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
 }
 
 /* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
@@ -4555,8 +4559,8 @@ static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *in
         stage.flip = regi_icp_find_flip(icp, &stage, motion);
     if (result != SB_OK)
         return result;
-    info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score,
-                                        &converged);
+    info->iterations =
+        regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score, &converged);
     info->stop = converged ? REG_ICP_CONVERGED : icp->out_of_time ? REG_ICP_TIME : REG_ICP_ITERATIONS;
     regi_icp_tell(icp, motion, info);
     if (info->pairs == 0)
@@ -4662,30 +4666,30 @@ typedef struct regi_cpd_best {
 /* One evaluation of all P_mn. */
 typedef struct regi_cpd_expectation {
     const regi_cpd_cloud *target;
-    const regi_cpd_cloud *source;  /* boxes: of the moved points */
-    const regi_cpd_block *moved;   /* [source blocks] */
-    double sigma2, outlier;        /* outlier: c, in the sum beside the Gaussians */
-    double tolerance;              /* share of each target point that may be left out */
-    regi_cpd_sums *sums;           /* [CHUNKS][source blocks]; the first row becomes the result */
+    const regi_cpd_cloud *source;            /* boxes: of the moved points */
+    const regi_cpd_block *moved;             /* [source blocks] */
+    double sigma2, outlier;                  /* outlier: c, in the sum beside the Gaussians */
+    double tolerance;                        /* share of each target point that may be left out */
+    regi_cpd_sums *sums;                     /* [CHUNKS][source blocks]; the first row becomes the result */
     regi_cpd_totals totals[REGI_CPD_CHUNKS]; /* likewise */
-    double (*terms)[REGI_CPD_LANES]; /* [CHUNKS][source blocks] */
-    int *near_blocks;              /* [CHUNKS][source blocks] */
-    regi_cpd_best *best;           /* [source blocks], or NULL: not wanted */
+    double (*terms)[REGI_CPD_LANES];         /* [CHUNKS][source blocks] */
+    int *near_blocks;                        /* [CHUNKS][source blocks] */
+    regi_cpd_best *best;                     /* [source blocks], or NULL: not wanted */
 } regi_cpd_expectation;
 
 /* The factor of the kernel, G = L L^T to the tolerance, by columns. */
 typedef struct regi_cpd_kernel {
     sb_allocator allocator;
     int rank, capacity;
-    size_t rows;         /* source points, filled up to whole blocks; those rows are 0 */
-    double inverse;      /* 1 / (2 beta^2) */
-    double *columns;     /* [capacity][rows] */
-    int *pivots;         /* [capacity] rows */
-    double *diagonal;    /* [rows] what is left of the diagonal; -1: a pivot */
-    double *system;      /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
-    double *scaled;      /* [rank][REGI_CPD_SLICE] */
+    size_t rows;      /* source points, filled up to whole blocks; those rows are 0 */
+    double inverse;   /* 1 / (2 beta^2) */
+    double *columns;  /* [capacity][rows] */
+    int *pivots;      /* [capacity] rows */
+    double *diagonal; /* [rows] what is left of the diagonal; -1: a pivot */
+    double *system;   /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
+    double *scaled;   /* [rank][REGI_CPD_SLICE] */
     size_t stride;
-    double *weights[3];  /* [stride] c: T = Y + L c */
+    double *weights[3]; /* [stride] c: T = Y + L c */
 } regi_cpd_kernel;
 
 #if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -4884,12 +4888,13 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     int lane = index % REGI_CPD_LANES;
     size_t first = (size_t)chunk * (size_t)e->source->blocks;
     const int *blocks = e->near_blocks + first;
-    double (*terms)[REGI_CPD_LANES] = e->terms + first;
+    double(*terms)[REGI_CPD_LANES] = e->terms + first;
     double at[3], least, sum, depth, factor;
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
+    if (e->outlier > 0 &&
+        (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }
@@ -5312,13 +5317,13 @@ struct reg_cpd {
     reg_cpd_info info;
     int count;
     regi_cpd_frame source, target;
-    regi_cpd_affine map;           /* the identity when non-rigid */
-    double inverse;                /* 1 / (2 beta^2) */
-    double (*centres)[3];          /* [rank] pivots in the source's frame */
-    double (*weights)[3];          /* [rank] */
-    sb_vec3 *moved;                /* [count] */
-    int *partners;                 /* [count] */
-    sb_real *probabilities;        /* [count] */
+    regi_cpd_affine map;    /* the identity when non-rigid */
+    double inverse;         /* 1 / (2 beta^2) */
+    double (*centres)[3];   /* [rank] pivots in the source's frame */
+    double (*weights)[3];   /* [rank] */
+    sb_vec3 *moved;         /* [count] */
+    int *partners;          /* [count] */
+    sb_real *probabilities; /* [count] */
     void *memory;
 };
 
@@ -5333,14 +5338,14 @@ typedef struct regi_cpd_run {
     double landmark_weight;       /* 1 / sigma^2 of the landmarks, in the target's frame */
     double *p, *r[3];             /* [rows] P and P X - P Y, with landmarks */
     regi_cpd_affine map;
-    double sigma2, energy;        /* energy: |L^T W|^2 */
+    double sigma2, energy; /* energy: |L^T W|^2 */
     regi_cpd_kernel kernel;
     regi_cpd_expectation e;
     reg_cpd_info info;
-    double start;                 /* s */
-    sb_vec3 *sort_points;         /* [larger count] */
-    uint32_t *sort_scratch;       /* [3 larger count] */
-    int *slot_of;                 /* [source count] */
+    double start;           /* s */
+    sb_vec3 *sort_points;   /* [larger count] */
+    uint32_t *sort_scratch; /* [3 larger count] */
+    int *slot_of;           /* [source count] */
     void *memory;
 } regi_cpd_run;
 
@@ -6075,11 +6080,11 @@ enum { REGI_MATCH_CHUNK = 128 };
 /* A charge, or a landmark: a point of an element. Its weights and their gradients at rest are in rows of their own. */
 typedef struct regi_match_charge {
     int element;
-    int index;         /* triangle, vertex or landmark it is */
-    sb_real area;      /* m^2 at rest */
-    sb_vec3 normal;    /* outward at rest */
+    int index;      /* triangle, vertex or landmark it is */
+    sb_real area;   /* m^2 at rest */
+    sb_vec3 normal; /* outward at rest */
     /* of the last look */
-    int guess;         /* item of the field that was closest, or -1 */
+    int guess; /* item of the field that was closest, or -1 */
     int active;
     sb_vec3 point;     /* m */
     sb_vec3 force;     /* slope of the potential: of unit charge, away from the target */
@@ -6093,39 +6098,39 @@ struct reg_match {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
-    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
-    int mesh_version;          /* of the body's mesh that all of this is about */
-    const sb_vec3 *shape;      /* [nodes] displacements at which charges are looked at: the body's, borrowed */
-    sbi_potential *potential;  /* rows of charges and landmarks */
-    double electric;           /* energy of the last look (J) */
+    sb_mesh mesh;             /* the body's at rest: a copy without free cells */
+    int mesh_version;         /* of the body's mesh that all of this is about */
+    const sb_vec3 *shape;     /* [nodes] displacements at which charges are looked at: the body's, borrowed */
+    sbi_potential *potential; /* rows of charges and landmarks */
+    double electric;          /* energy of the last look (J) */
     reg_field *field;
     reg_match_method method;
     int partial;
-    sb_real size;              /* of the organ (m) */
-    sb_real young;             /* Pa */
-    sb_real rounding;          /* half of the sampling length (m) */
+    sb_real size;                    /* of the organ (m) */
+    sb_real young;                   /* Pa */
+    sb_real rounding;                /* half of the sampling length (m) */
     sb_real first_reach, last_reach; /* m */
     sb_real least_cosine, least_active;
     sb_real first_charge, last_charge, least_growth, most_growth, settled;
     sb_real landmark_stiffness; /* N/m */
     double max_seconds;
 
-    void *memory;              /* the one block behind the arrays */
+    void *memory;                            /* the one block behind the arrays */
     int charge_count, landmark_count, width; /* width: nodes per element */
-    regi_match_charge *charges; /* [charge_count + landmark_count], each kind by element */
-    sb_real *weights;          /* [charges and landmarks][width] */
-    sb_vec3 *gradients;        /* [charges][width] of the weights, at rest (1/m) */
-    sb_vec3 *targets;          /* [landmark_count], in the order of the def */
-    sb_vec3 *trial;            /* [nodes] */
-    sb_vec3 *last;             /* [nodes] increment that the last step at full charge solved for (m) */
+    regi_match_charge *charges;              /* [charge_count + landmark_count], each kind by element */
+    sb_real *weights;                        /* [charges and landmarks][width] */
+    sb_vec3 *gradients;                      /* [charges][width] of the weights, at rest (1/m) */
+    sb_vec3 *targets;                        /* [landmark_count], in the order of the def */
+    sb_vec3 *trial;                          /* [nodes] */
+    sb_vec3 *last;                           /* [nodes] increment that the last step at full charge solved for (m) */
     double total_area;
-    sb_real volume;            /* of the organ at rest (m^3) */
+    sb_real volume; /* of the organ at rest (m^3) */
 
     /* state */
-    sb_real charge, reach;     /* Young's moduli; m */
-    sb_real last_mean;         /* m */
-    sb_real relaxation;        /* share of the increment that the last step took; 0: that was not at full charge */
-    int calm;                  /* steps running that the mean distance did not fall */
+    sb_real charge, reach; /* Young's moduli; m */
+    sb_real last_mean;     /* m */
+    sb_real relaxation;    /* share of the increment that the last step took; 0: that was not at full charge */
+    int calm;              /* steps running that the mean distance did not fall */
     reg_match_info info;
 };
 
@@ -6135,8 +6140,8 @@ REGI_API sb_vec3 regi_match_point(const reg_match *match, int charge);
 REGI_API double regi_match_look(reg_match *match);
 /* sbi_potential_fill of a match: looks, and fills the rows of charges and landmarks. */
 REGI_API void regi_match_fill(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
-/* trial = the body's shape and the increment[nodes], shortened so that no node moves more than a tenth of the organ's size
- * and until the material admits the shape. On failure match->info.error says why. */
+/* trial = the body's shape and the increment[nodes], shortened so that no node moves more than a tenth of the organ's
+ * size and until the material admits the shape. On failure match->info.error says why. */
 REGI_API sb_result regi_match_shorten(reg_match *match, const sb_vec3 *increment);
 /* The nodes of the element that holds a charge or landmark. */
 REGI_API const int *regi_match_nodes(const reg_match *match, int charge);
@@ -6200,7 +6205,8 @@ static sb_result regi_match_check_numbers(const reg_match_def *def, sb_error *er
                             (double)fields[i].value);
     if (!(def->reach > 0 && def->last_reach > 0 && def->sampling > 0 && def->first_charge > 0 && def->settled > 0 &&
           def->landmark_stiffness > 0 && def->least_growth > 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reaches, sampling, charges, settled and landmark_stiffness of a "
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "reaches, sampling, charges, settled and landmark_stiffness of a "
                         "match must be above 0, least_growth above 1");
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
@@ -6919,16 +6925,20 @@ static sb_result regi_match_check_shape(reg_match *match)
     share = (double)(sb_mesh_volume(&mesh) / match->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
-    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
-                    "target shows a part of it only, or is of another size", share);
+    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED,
+                    "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size",
+                    share);
 }
 
 /* What the look that came with the system says against going on. */
 static sb_result regi_match_check_look(reg_match *match)
 {
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
-        return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
-                        "target and faces as it does: align them first", 100 * (double)match->info.active);
+        return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED,
+                        "only %.1f %% of the organ's surface is near the "
+                        "target and faces as it does: align them first",
+                        100 * (double)match->info.active);
     return regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
 }
 
@@ -7032,32 +7042,32 @@ typedef struct regi_nicp_source {
     int triangle, corner; /* a triangle that has it; -1: none has */
     sb_real area;         /* m^2 at rest */
     /* of the last look */
-    int guess;            /* item of the field that was closest, or -1 */
-    int way_back;         /* triangle of the skin that was closest to it */
+    int guess;    /* item of the field that was closest, or -1 */
+    int way_back; /* triangle of the skin that was closest to it */
     int visible;
-    int paired;           /* N_s counts, up to its distance */
+    int paired; /* N_s counts, up to its distance */
     int active;
-    sb_vec3 normal;       /* unit, or 0 */
-    sb_vec3 direction;    /* across the target where it was hit, or across the organ; unit, or 0 */
-    sb_vec3 way;          /* to N_s (m) */
-    sb_vec3 sum;          /* of the ways to those in V (m) */
-    int count;            /* of V */
-    sb_real distance;     /* m */
+    sb_vec3 normal;    /* unit, or 0 */
+    sb_vec3 direction; /* across the target where it was hit, or across the organ; unit, or 0 */
+    sb_vec3 way;       /* to N_s (m) */
+    sb_vec3 sum;       /* of the ways to those in V (m) */
+    int count;         /* of V */
+    sb_real distance;  /* m */
 } regi_nicp_source;
 
 /* A point of the target that looks for its source. */
 typedef struct regi_nicp_sample {
-    sb_vec3 point;        /* m */
-    sb_vec3 normal;       /* unit, or 0: unknown */
+    sb_vec3 point;  /* m */
+    sb_vec3 normal; /* unit, or 0: unknown */
     /* of the last look */
-    int guess;            /* triangle of the skin */
-    int source;           /* N_t, or -1 */
-    sb_vec3 way;          /* from the organ's surface to the point (m) */
+    int guess;   /* triangle of the skin */
+    int source;  /* N_t, or -1 */
+    sb_vec3 way; /* from the organ's surface to the point (m) */
 } regi_nicp_sample;
 
 /* Rows of node weights: the points of def.surface, or the landmarks. */
 typedef struct regi_nicp_rows {
-    sb_mapping mapping;   /* of the arrays below */
+    sb_mapping mapping; /* of the arrays below */
     int *start, *nodes;
     sb_real *weights;
 } regi_nicp_rows;
@@ -7066,47 +7076,47 @@ struct reg_nicp {
     sb_allocator allocator;
     sb_clock clock;
     sb_body *body;
-    sb_mesh mesh;              /* the body's at rest: a copy without free cells */
-    int mesh_version;          /* of the body's mesh that all of this is about */
+    sb_mesh mesh;     /* the body's at rest: a copy without free cells */
+    int mesh_version; /* of the body's mesh that all of this is about */
     reg_field *field;
-    int is_cloud;              /* the target is one */
-    sb_real spacing;           /* of the target's points (m) */
-    sb_surface *skin;          /* the organ's surface as it is now */
-    regi_nicp_rows rows;       /* [vertex_count] */
-    regi_nicp_rows source_rows; /* [source_count] */
-    regi_nicp_rows landmark_rows; /* [landmark_count] */
+    int is_cloud;                    /* the target is one */
+    sb_real spacing;                 /* of the target's points (m) */
+    sb_surface *skin;                /* the organ's surface as it is now */
+    regi_nicp_rows rows;             /* [vertex_count] */
+    regi_nicp_rows source_rows;      /* [source_count] */
+    regi_nicp_rows landmark_rows;    /* [landmark_count] */
     int surface_load, landmark_load; /* ids of the penalties; 0: none */
 
     reg_nicp_view view;
     sb_vec3 camera;
-    sb_real size;              /* of the organ (m) */
-    sb_real young;             /* Pa */
+    sb_real size;  /* of the organ (m) */
+    sb_real young; /* Pa */
     sb_real blending, sliding, least_cosine, outlier_parameter, tolerance, newton_tolerance, least_active;
     reg_outliers outliers;
-    sb_real reach, last_reach; /* m */
+    sb_real reach, last_reach;               /* m */
     sb_real first_stiffness, last_stiffness; /* Pa/m */
     int increments, iterations, newton, noisy;
     sb_real landmark_stiffness; /* N/m */
     double max_seconds;
 
     int vertex_count, source_count, sample_count, landmark_count;
-    double total_area;         /* m^2 */
-    sb_real volume;            /* of the organ, or its grid, at rest (m^3) */
-    void *memory;              /* the one block behind the arrays below */
-    sb_vec3 *vertices;         /* [vertex_count] (m) now */
-    int *source_of;            /* [vertex_count] the source that stands for it; -1: none does */
-    regi_nicp_source *sources; /* [source_count] */
-    regi_nicp_sample *samples; /* [sample_count] */
+    double total_area;            /* m^2 */
+    sb_real volume;               /* of the organ, or its grid, at rest (m^3) */
+    void *memory;                 /* the one block behind the arrays below */
+    sb_vec3 *vertices;            /* [vertex_count] (m) now */
+    int *source_of;               /* [vertex_count] the source that stands for it; -1: none does */
+    regi_nicp_source *sources;    /* [source_count] */
+    regi_nicp_sample *samples;    /* [sample_count] */
     sb_real *distances, *scratch; /* [the larger of both counts] */
-    sb_vec3 *goals;            /* [source_count] (m) */
-    sb_real *stiffness;        /* [source_count] (N/m) */
-    sb_vec3 *lines;            /* [source_count] see sbi_body_set_mapping_lines */
-    sb_vec3 *before;           /* [source_count] (m) sources before the balance */
-    sb_vec3 *settled;          /* [source_count] (m) sources at the end of the last increment */
-    sb_vec3 *targets;          /* [landmark_count] (m) */
+    sb_vec3 *goals;               /* [source_count] (m) */
+    sb_real *stiffness;           /* [source_count] (N/m) */
+    sb_vec3 *lines;               /* [source_count] see sbi_body_set_mapping_lines */
+    sb_vec3 *before;              /* [source_count] (m) sources before the balance */
+    sb_vec3 *settled;             /* [source_count] (m) sources at the end of the last increment */
+    sb_vec3 *targets;             /* [landmark_count] (m) */
 
     /* state */
-    int increment, iteration;  /* from 0 */
+    int increment, iteration; /* from 0 */
     int has_settled;
     reg_nicp_info info;
 };
@@ -7222,9 +7232,9 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (sb_body_mesh_version(def->body) != 0 ||
-                      def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
-                      def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
+    if (def->grid &&
+        (sb_body_mesh_version(def->body) != 0 || def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+         def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid, or has changed since");
     result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
@@ -7357,11 +7367,11 @@ static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_
 
 /* Which vertices stand for which: runs of the order of a tree of them, in which neighbours are neighbours. */
 typedef struct regi_nicp_choice {
-    int count;        /* of vertices that have an area */
-    int *items;       /* [count] vertices */
-    sb_vec3 *points;  /* [count] */
-    int *order;       /* [count] into items */
-    sb_real spacing;  /* m, mean distance of the points from their nearest */
+    int count;       /* of vertices that have an area */
+    int *items;      /* [count] vertices */
+    sb_vec3 *points; /* [count] */
+    int *order;      /* [count] into items */
+    sb_real spacing; /* m, mean distance of the points from their nearest */
 } regi_nicp_choice;
 
 static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choice *choice)
@@ -7630,8 +7640,8 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
     const sb_real none = 0;
     sb_result result;
     regi_nicp_points(nicp, &nicp->source_rows, nicp->goals);
-    result = sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load,
-                                 error);
+    result =
+        sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load, error);
     if (result == SB_OK && sbi_body_reserve_mapping_lines(nicp->body, nicp->surface_load) != SB_OK)
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK || nicp->landmark_count == 0)
@@ -7652,9 +7662,9 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
     if (result == SB_OK)
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
-        result = def->surface ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
-                              : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows,
-                                                    error);
+        result = def->surface
+                     ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
+                     : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
     if (result == SB_OK && nicp->landmark_count)
         result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)
@@ -7885,8 +7895,7 @@ static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
     source->guess = hit.item;
     source->distance = hit.distance;
     source->way = sb_v3_sub(hit.point, at);
-    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) &&
-                     !regi_nicp_is_beyond(nicp, source, at, &hit);
+    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) && !regi_nicp_is_beyond(nicp, source, at, &hit);
     if (sb_v3_dot(hit.normal, hit.normal) > 0 && !nicp->noisy)
         source->direction = hit.normal;
 }
@@ -8031,8 +8040,10 @@ static sb_result regi_nicp_pair(reg_nicp *nicp, sb_real stiffness)
     regi_nicp_gather_samples(nicp);
     regi_nicp_set_goals(nicp, stiffness);
     if (nicp->info.active < nicp->least_active && nicp->landmark_count == 0)
-        return sbi_fail(&nicp->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface has a partner "
-                        "on the target: align them first", 100 * (double)nicp->info.active);
+        return sbi_fail(&nicp->info.error, SB_ERROR_NOT_CONVERGED,
+                        "only %.1f %% of the organ's surface has a partner "
+                        "on the target: align them first",
+                        100 * (double)nicp->info.active);
     return SB_OK;
 }
 
@@ -8142,8 +8153,10 @@ static sb_result regi_nicp_check_shape(reg_nicp *nicp)
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
-    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
-                    "target shows a part of it only, or is of another size", share);
+    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED,
+                    "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size",
+                    share);
 }
 
 static sb_result regi_nicp_try(reg_nicp *nicp)
@@ -8188,8 +8201,8 @@ REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info)
     if (result == SB_ERROR_STATE)
         nicp->info.stop = REG_NICP_FAILED;
     else if (result != SB_OK)
-        nicp->info.stop = nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP
-                                                                                              : REG_NICP_FAILED;
+        nicp->info.stop =
+            nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP : REG_NICP_FAILED;
     if (info)
         *info = nicp->info;
     return result;
@@ -8242,54 +8255,54 @@ typedef struct regi_loads {
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
-    int part_count;        /* of the surface: possible samples; three of each landmark follow, and two of each part that
-                            * is dragged */
-    int drag_first;        /* the first of the latter */
-    int *sample_of;        /* [sample_most] which of those a sample is; -1: none, it fills up the last group */
-    int drag_sample;       /* the first of a dragged part */
-    int load_count;        /* surface nodes that may bear a force */
-    int *load_nodes;       /* [load_count] */
-    sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
+    int part_count;  /* of the surface: possible samples; three of each landmark follow, and two of each part that
+                      * is dragged */
+    int drag_first;  /* the first of the latter */
+    int *sample_of;  /* [sample_most] which of those a sample is; -1: none, it fills up the last group */
+    int drag_sample; /* the first of a dragged part */
+    int load_count;  /* surface nodes that may bear a force */
+    int *load_nodes; /* [load_count] */
+    sb_real *area;   /* [nodes] of the surface at a node (m^2), 0 inside */
     double total_area;
-    int *part;             /* [charges] that a charge belongs to */
-    int *part_start;       /* [part_count + 1] into part_charges */
-    int *part_charges;     /* [charges] by part */
-    int *part_centre;      /* [part_count] a charge */
-    sb_real *part_load;    /* [part_count] mean traction (Pa) */
-    unsigned char *is_dragged, *votes; /* [part_count] */
+    int *part;                             /* [charges] that a charge belongs to */
+    int *part_start;                       /* [part_count + 1] into part_charges */
+    int *part_charges;                     /* [charges] by part */
+    int *part_centre;                      /* [part_count] a charge */
+    sb_real *part_load;                    /* [part_count] mean traction (Pa) */
+    unsigned char *is_dragged, *votes;     /* [part_count] */
     int drag_looks, drag_count, drag_most; /* looks: how often its region is still to be decided */
-    int *drag_parts;       /* [drag_most] */
-    sb_vec3 drag, across[2]; /* unit vectors: of the drag, and at right angles to it */
-    sb_real drag_spread;   /* of the motions about it, as share of them */
-    double effort;         /* of the last round without a drag */
-    sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
-    sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
-    sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
-    sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
-    sb_real *gap;          /* [sample_most] that forces have to close (m) */
-    sb_real *variance;     /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
-    sb_real *system;       /* [sample_count][sample_count] */
-    sb_real *multiplier;   /* [sample_count] y */
-    sb_real *signs, *sizes;/* [sample_count] of the factor */
-    sb_real *slab;         /* [SLAB][SLAB + sample_count] */
+    int *drag_parts;                       /* [drag_most] */
+    sb_vec3 drag, across[2];               /* unit vectors: of the drag, and at right angles to it */
+    sb_real drag_spread;                   /* of the motions about it, as share of them */
+    double effort;                         /* of the last round without a drag */
+    sb_real scatter;                       /* of a charge's gap about the mean of its part: variance (m^2) */
+    sb_real *spread;                       /* [charges] squared distance from the centre of its part (m^2) */
+    sb_real *rows;                         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
+    sb_real *response;                     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
+    sb_real *gap;                          /* [sample_most] that forces have to close (m) */
+    sb_real *variance;   /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
+    sb_real *system;     /* [sample_count][sample_count] */
+    sb_real *multiplier; /* [sample_count] y */
+    sb_real *signs, *sizes; /* [sample_count] of the factor */
+    sb_real *slab;          /* [SLAB][SLAB + sample_count] */
     sb_real *pack;
-    sb_real *weight;       /* [load_count] w */
-    sb_real *traction;     /* [nodes] */
-    sb_real *average;      /* [nodes] */
-    sb_real *touch;        /* [nodes] facets */
-    sb_vec3 *force;        /* [nodes] found (N) */
-    sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
-    sb_vec3 *increment;    /* [nodes] of a round (m) */
+    sb_real *weight;            /* [load_count] w */
+    sb_real *traction;          /* [nodes] */
+    sb_real *average;           /* [nodes] */
+    sb_real *touch;             /* [nodes] facets */
+    sb_vec3 *force;             /* [nodes] found (N) */
+    sb_vec3 *residual;          /* [nodes] internal less known forces (N) */
+    sb_vec3 *increment;         /* [nodes] of a round (m) */
     const unsigned char *fixed; /* [nodes] axes of the body's supports */
-    int *held_nodes;       /* [nodes] scratch: nodes held along the same axes, */
-    sb_vec3 *held_goals;   /* [nodes] and where they are sent */
-    sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
-    int posed;             /* 1: the pose is sought, too */
-    sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
-    sb_real likely[REGI_LOADS_FREE];     /* sd of the pose (m, rad), and of tilts (rad) */
+    int *held_nodes;            /* [nodes] scratch: nodes held along the same axes, */
+    sb_vec3 *held_goals;        /* [nodes] and where they are sent */
+    sb_vec3 *before, *goals;    /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
+    int posed;                  /* 1: the pose is sought, too */
+    sb_vec3 centre;             /* m: of the held nodes at the beginning, or of all; turns are about it */
+    sb_real likely[REGI_LOADS_FREE];                      /* sd of the pose (m, rad), and of tilts (rad) */
     sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
-    sb_real *free_rows;    /* [sample_count][FREE] a sample's motion with pose and tilt, in sd */
-    double begun;          /* on the clock */
+    sb_real *free_rows; /* [sample_count][FREE] a sample's motion with pose and tilt, in sd */
+    double begun;       /* on the clock */
     reg_loads_info info;
 } regi_loads;
 
@@ -8319,11 +8332,13 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         def->reweights > 1000)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d samples, %d rounds, %d reweights: out of range", def->samples,
                         def->rounds, def->reweights);
-    if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
-        !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
+    if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) || !(def->floor > 0) ||
+        !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
         !(def->drag >= 0 && def->drag < 1) || !(def->landmark >= (sb_real)1e-6 && def->landmark <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
-                        "range", (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
+                        "range",
+                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
                         (double)def->drag, (double)def->pose);
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
@@ -8370,7 +8385,8 @@ static sb_vec3 regi_loads_rest_point(const regi_loads *l, int charge)
     const int *nodes = regi_match_nodes(l->match, charge);
     sb_vec3 x = sb_v3(0, 0, 0);
     for (int a = 0; a < width; a++)
-        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->match->mesh.nodes[nodes[a]]);
+        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a],
+                       l->match->mesh.nodes[nodes[a]]);
     return x;
 }
 
@@ -8540,8 +8556,8 @@ static void regi_loads_sample_drag(regi_loads *l, int sample, int index, sb_real
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
         area += l->match->charges[l->part_charges[k]].area;
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
-        regi_loads_add_point(l, l->part_charges[k], l->across[axis],
-                             l->match->charges[l->part_charges[k]].area / area, row);
+        regi_loads_add_point(l, l->part_charges[k], l->across[axis], l->match->charges[l->part_charges[k]].area / area,
+                             row);
     sd = sb_max(l->def->drag, (sb_real)0.2 * l->drag_spread) * sb_v3_norm(motion) + l->def->misfit * l->match->size;
     l->gap[sample] = -sb_v3_dot(motion, l->across[axis]);
     l->variance[sample] = sd * sd;
@@ -9034,7 +9050,8 @@ static void regi_loads_begin_pose(regi_loads *l)
     l->posed = l->def->pose > 0;
     for (int i = 0; i < l->node_count; i++)
         if (held == 0 || l->fixed[i] == SB_XYZ)
-            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
+            l->centre =
+                sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
     for (int k = REGI_LOADS_POSE; k < REGI_LOADS_FREE; k++)

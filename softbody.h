@@ -24,8 +24,8 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
- *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also under
- *                        -fvisibility=hidden; all others import them.
+ *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also
+ *                        under -fvisibility=hidden; all others import them.
  *     SB_API             what stands before each public function in place of extern (in C++ extern "C"), of needle.h's
  *                        and register.h's too unless NDL_API and REG_API are defined.
  *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
@@ -33,8 +33,9 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
- *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
- *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save
+ *                        and theirs. Saved states and recordings stay, in memory and in files. register.h needs these
+ *                        readers.
  *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
  *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
@@ -115,12 +116,12 @@
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
- *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports
+ *              whether they bound a solid, sb_surface_repair mends what can be mended.
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
- * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
- *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
+ * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
+ *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
@@ -130,12 +131,13 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements
+ * too: on even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how
+ * much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
- * coarse meshes.
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft
+ * tissue, coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -328,20 +330,21 @@
  * THREADS
  *
  * No globals (but one record per thread that calls sb_jobs_openmp()'s loops). Different objects may be used from
- * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs: give
- * it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that matter.
+ * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs:
+ * give it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that
+ * matter.
  *
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
- * fused multiply-add exists (the header asks for it where it can).
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or
+ * -ffp-contract=off where fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
- * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
+ * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */
 
 /* ==== src/softbody/begin.h ==== */
@@ -740,10 +743,10 @@ typedef SB_REAL sb_real;
 #endif
 
 /* ---- linkage ----------------------------------------------------------------------------------------
- * SB_API: what stands before the declaration of each public function. Define it before including to have your own, in C++
- * with extern "C". Else SB_STATIC makes public functions static, so that two libraries in one process never clash, and
- * SB_SHARED makes them those of a shared library: exported by the file that defines SB_IMPLEMENTATION (before its first
- * inclusion), also under -fvisibility=hidden, and imported by all others.
+ * SB_API: what stands before the declaration of each public function. Define it before including to have your own, in
+ * C++ with extern "C". Else SB_STATIC makes public functions static, so that two libraries in one process never clash,
+ * and SB_SHARED makes them those of a shared library: exported by the file that defines SB_IMPLEMENTATION (before its
+ * first inclusion), also under -fvisibility=hidden, and imported by all others.
  * SBI_API: internal functions; static in the shipped header, extern when the rooms are compiled apart. */
 #if defined(__GNUC__)
 #define SBI_UNUSED __attribute__((unused))
@@ -816,36 +819,37 @@ typedef SB_REAL sb_real;
 /* ---- results and errors ------------------------------------------------------------------------------
  * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. Calls that return
  * something else give 0, NULL or a struct of zeros for an object that is NULL and for an index that is not there; those
- * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
+ * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as
+ * given. */
 typedef enum sb_result {
     SB_OK = 0,
-    SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
-    SB_ERROR_ARGUMENT = -2,      /* null pointer, count, enum or parameter outside its documented range */
-    SB_ERROR_NOT_FINITE = -3,    /* NaN or infinity in an input */
-    SB_ERROR_INDEX = -4,         /* node, element or region index out of range */
-    SB_ERROR_FILE = -5,          /* a file cannot be opened, read or written */
-    SB_ERROR_FORMAT = -6,        /* a file breaks the rules of its format */
-    SB_ERROR_UNSUPPORTED = -7,   /* valid, but outside what this library reads or solves */
-    SB_ERROR_MESH = -8,          /* inverted, flat or degenerate element, repeated node, empty mesh */
-    SB_ERROR_MATERIAL = -9,      /* material parameters outside their range */
-    SB_ERROR_UNCONSTRAINED = -10,/* a static problem whose supports leave a rigid motion free */
-    SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
-    SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
-    SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
-    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
+    SB_ERROR_MEMORY = -1,         /* the allocator returned NULL, or a size does not fit size_t */
+    SB_ERROR_ARGUMENT = -2,       /* null pointer, count, enum or parameter outside its documented range */
+    SB_ERROR_NOT_FINITE = -3,     /* NaN or infinity in an input */
+    SB_ERROR_INDEX = -4,          /* node, element or region index out of range */
+    SB_ERROR_FILE = -5,           /* a file cannot be opened, read or written */
+    SB_ERROR_FORMAT = -6,         /* a file breaks the rules of its format */
+    SB_ERROR_UNSUPPORTED = -7,    /* valid, but outside what this library reads or solves */
+    SB_ERROR_MESH = -8,           /* inverted, flat or degenerate element, repeated node, empty mesh */
+    SB_ERROR_MATERIAL = -9,       /* material parameters outside their range */
+    SB_ERROR_UNCONSTRAINED = -10, /* a static problem whose supports leave a rigid motion free */
+    SB_ERROR_INVERTED = -11,      /* an element turned inside out where the material does not allow it */
+    SB_ERROR_DIVERGED = -12,      /* a solve found no acceptable step, or NaN appeared; the state was restored */
+    SB_ERROR_NOT_CONVERGED = -13, /* an iteration limit was reached before the tolerance */
+    SB_ERROR_INDEFINITE = -14,    /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15,         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16      /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
  * or leave uninitialised, a failing call writes every field. */
 typedef struct sb_error {
     sb_result result;
-    int line;            /* line in `file`, from 1; 0 when there is none */
-    int element;         /* element index, or -1 */
-    int node;            /* node index, or -1 */
-    char file[256];      /* path as given, cut at the front when longer */
-    char message[256];   /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
+    int line;          /* line in `file`, from 1; 0 when there is none */
+    int element;       /* element index, or -1 */
+    int node;          /* node index, or -1 */
+    char file[256];    /* path as given, cut at the front when longer */
+    char message[256]; /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
 } sb_error;
 
 /* Name of a result, e.g. "SB_ERROR_MEMORY"; never NULL. Thread-safe, static storage. */
@@ -875,22 +879,23 @@ typedef struct sb_jobs {
 } sb_jobs;
 
 #if defined(SB_USE_OPENMP)
-/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads, ten
- * milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes what its
- * loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or longer, and
- * then tries the threads again. Beside busy processes steps then take about as long as with one thread; results are
- * the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory outside of
- * objects.
+/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads,
+ * ten milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes
+ * what its loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or
+ * longer, and then tries the threads again. Beside busy processes steps then take about as long as with one thread;
+ * results are the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory
+ * outside of objects.
  *
  * Variables of the environment that matter, read when the program starts:
  *   OMP_NUM_THREADS          threads, at most 64 are used. Default: all processors. Fewer where other work runs beside.
- *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads may
+ *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads
+ *   may
  *                            share a processor for a whole run, which then takes twice as long. Leave it out where
  *                            other programs compute: bound threads cannot step aside.
  *   OMP_WAIT_POLICY=passive  threads sleep between loops instead of spinning (gcc: GOMP_SPINCOUNT=N turns first, clang:
- *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops slower.
- *                            Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never sleeps:
- *                            only for a machine that does nothing else. */
+ *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops
+ *                            slower. Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never
+ *                            sleeps: only for a machine that does nothing else. */
 SB_API sb_jobs sb_jobs_openmp(void);
 #endif
 
@@ -935,8 +940,9 @@ SB_INLINE int sb_is_finite(sb_real x) { return isfinite(x) != 0; }
  *         result = sb_output_close(&out, &error);          // the disk was full: table.csv is what it was before
  *     }
  *
- * What is written goes to a file beside the target, table.csv.0123456789abcdef.part, which takes the target's place once
- * the last byte is written. So a full disk costs neither the file that was there nor leaves a piece of a new one. */
+ * What is written goes to a file beside the target, table.csv.0123456789abcdef.part, which takes the target's place
+ * once the last byte is written. So a full disk costs neither the file that was there nor leaves a piece of a new
+ * one. */
 #ifndef SB_OUTPUT_H
 #define SB_OUTPUT_H
 
@@ -959,8 +965,8 @@ typedef struct sb_output {
  * hard links stay with the old one, and symbolic links keep pointing to it. It must be writable, and a file can be made
  * in its folder. Devices, pipes and other things that are no plain files are written where they stand.
  *
- * out is written on success and on failure. Nothing is allocated but by fopen. SB_ERROR_ARGUMENT (NULL) or SB_ERROR_FILE:
- * then nothing is to be closed. */
+ * out is written on success and on failure. Nothing is allocated but by fopen. SB_ERROR_ARGUMENT (NULL) or
+ * SB_ERROR_FILE: then nothing is to be closed. */
 SB_API sb_result sb_output_open(sb_output *out, const char *path, sb_error *error);
 
 /* Ends it. SB_ERROR_FILE when anything could not be written since it was opened, or the target cannot be replaced: then
@@ -970,8 +976,8 @@ SB_API sb_result sb_output_close(sb_output *out, sb_error *error);
 /* Ends it without a result: the target is as it was before. */
 SB_API void sb_output_discard(sb_output *out);
 
-/* Writes bytes[size] as a file, by the three above: a saved state, recording, needle or preconditioner, say. bytes may be
- * NULL when size is 0. SB_ERROR_ARGUMENT or SB_ERROR_FILE. */
+/* Writes bytes[size] as a file, by the three above: a saved state, recording, needle or preconditioner, say. bytes may
+ * be NULL when size is 0. SB_ERROR_ARGUMENT or SB_ERROR_FILE. */
 SB_API sb_result sb_file_save(const char *path, const void *bytes, size_t size, sb_error *error);
 
 #endif /* SB_OUTPUT_H */
@@ -1012,7 +1018,10 @@ SB_INLINE sb_real sb_abs(sb_real x) { return fabs(x); }
 SB_INLINE sb_real sb_min(sb_real a, sb_real b) { return a < b ? a : b; }
 SB_INLINE sb_real sb_max(sb_real a, sb_real b) { return a > b ? a : b; }
 /* a b for a, b >= 0, at most SB_REAL_MAX and without the exception that an overflow raises. */
-SB_INLINE sb_real sbi_capped_product(sb_real a, sb_real b) { return a > 1 && b > SB_REAL_MAX / a ? SB_REAL_MAX : a * b; }
+SB_INLINE sb_real sbi_capped_product(sb_real a, sb_real b)
+{
+    return a > 1 && b > SB_REAL_MAX / a ? SB_REAL_MAX : a * b;
+}
 
 /* ---- 3-vectors ---- */
 
@@ -1038,10 +1047,7 @@ SB_INLINE sb_vec3 sb_v3_cross(sb_vec3 a, sb_vec3 b)
     return sb_v3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
 SB_INLINE sb_real sb_v3_norm(sb_vec3 a) { return sb_sqrt(sb_v3_dot(a, a)); }
-SB_INLINE int sb_v3_is_finite(sb_vec3 a)
-{
-    return sb_is_finite(a.x) && sb_is_finite(a.y) && sb_is_finite(a.z);
-}
+SB_INLINE int sb_v3_is_finite(sb_vec3 a) { return sb_is_finite(a.x) && sb_is_finite(a.y) && sb_is_finite(a.z); }
 
 /* ---- 3x3 matrices ---- */
 
@@ -1394,10 +1400,7 @@ SB_INLINE sb_real sb_log(sb_real x) { return (sb_real)sbi_dense_log((double)x); 
 /* Cube root, for every finite x; odd; infinity, NaN and the sign of 0 pass through. Exact for exact cubes. */
 SB_INLINE sb_real sb_cbrt(sb_real x) { return (sb_real)sbi_dense_cbrt((double)x); }
 /* x^(-2/3), the isochoric scale J^(-2/3) of a volume ratio x > 0. Infinity for 0; NaN for x < 0 and NaN. */
-SB_INLINE sb_real sb_pow_minus_two_thirds(sb_real x)
-{
-    return (sb_real)sbi_dense_pow_minus_two_thirds((double)x);
-}
+SB_INLINE sb_real sb_pow_minus_two_thirds(sb_real x) { return (sb_real)sbi_dense_pow_minus_two_thirds((double)x); }
 /* Sine and cosine of x [rad]. Above 1e6 rad they are those of an x changed by less than half its own u.l.p.
  * (2 pi is rounded there). NaN for NaN and infinity. */
 SB_INLINE void sb_sin_cos(sb_real x, sb_real *s, sb_real *c)
@@ -1534,7 +1537,8 @@ SB_INLINE void sbi_dense_scale(sb_real size, sb_real *scale, sb_real *inverse)
  * deg. */
 SB_INLINE sb_real sbi_dense_jacobi_tangent(sb_real a, sb_real b, sb_real d)
 {
-    const sb_real most = SB_REAL_IS_FLOAT ? (sb_real)1.844674e19 : (sb_real)1.3407807929942596e154; /* root of SB_REAL_MAX */
+    const sb_real most =
+        SB_REAL_IS_FLOAT ? (sb_real)1.844674e19 : (sb_real)1.3407807929942596e154; /* root of SB_REAL_MAX */
     sb_real theta = (d - a) / (b + b);
     sb_real t = sb_abs(theta) < most ? (sb_real)1 / (sb_abs(theta) + sb_sqrt(theta * theta + 1)) : 0;
     return theta < 0 ? -t : t;
@@ -1643,8 +1647,7 @@ SB_INLINE void sbi_dense_orthogonalise(sb_vec3 b[3], sb_vec3 v[3])
         rotated = 0;
         for (int p = 0; p < 2; p++)
             for (int q = p + 1; q < 3; q++) {
-                sb_real alpha = sb_v3_dot(b[p], b[p]), gamma = sb_v3_dot(b[p], b[q]),
-                        beta = sb_v3_dot(b[q], b[q]);
+                sb_real alpha = sb_v3_dot(b[p], b[p]), gamma = sb_v3_dot(b[p], b[q]), beta = sb_v3_dot(b[q], b[q]);
                 sb_vec3 bp = b[p], vp = v[p];
                 sb_real t, c, s;
                 if (!(sb_abs(gamma) > SB_EPSILON * sb_sqrt(alpha) * sb_sqrt(beta)))
@@ -1916,8 +1919,7 @@ typedef struct sbi_polar_lanes {
 
 /* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
  * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
-SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
-                                           sbi_polar_lanes *SB_RESTRICT s)
+SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sbi_polar_lanes *SB_RESTRICT s)
 {
     sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -1948,8 +1950,7 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
 
 SBI_FORCE_INLINE int sbi_polar_any(const sb_real *flags)
 {
-    sb_real sum =
-        ((flags[0] + flags[1]) + (flags[2] + flags[3])) + ((flags[4] + flags[5]) + (flags[6] + flags[7]));
+    sb_real sum = ((flags[0] + flags[1]) + (flags[2] + flags[3])) + ((flags[4] + flags[5]) + (flags[6] + flags[7]));
     return sum > 0;
 }
 
@@ -1994,8 +1995,7 @@ SB_INLINE void sbi_polar_lane(sb_real (*f)[SB_POLAR_LANES], sb_real (*start)[SB_
  * in, unit quaternions out. r[3 i + j][lane] = R_ij. Fill unused lanes with a copy of a used one (or f = I, q
  * = 1). Each lane's result depends on that lane only, and is what sb_m3_polar gives up to rounding: lanes
  * that are hard, or have not converged after four steps, are handed to it. */
-SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
-                              sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
+SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
@@ -2156,8 +2156,7 @@ SB_INLINE int sb_lu_factor(sb_real *a, int n, int *pivot)
             return k + 1;
         pivot[k] = row;
         for (int j = 0; j < n && row != k; j++) {
-            sb_real *one = a + (size_t)k * (size_t)n + (size_t)j,
-                    *two = a + (size_t)row * (size_t)n + (size_t)j;
+            sb_real *one = a + (size_t)k * (size_t)n + (size_t)j, *two = a + (size_t)row * (size_t)n + (size_t)j;
             sb_real swap = *one;
             *one = *two;
             *two = swap;
@@ -2202,8 +2201,7 @@ SB_INLINE sb_real sbi_dense_column_norm(const sb_real *a, int count, size_t stri
 }
 
 /* x -= tau v (v.x) with v = (1, a[stride], a[2 stride] ...) and x = x[0], x[step] ...; count entries each. */
-SB_INLINE void sbi_dense_reflect(const sb_real *a, size_t stride, sb_real tau, sb_real *x, size_t step,
-                                 int count)
+SB_INLINE void sbi_dense_reflect(const sb_real *a, size_t stride, sb_real tau, sb_real *x, size_t step, int count)
 {
     sb_real sum = x[0];
     for (int i = 1; i < count; i++)
@@ -2301,9 +2299,9 @@ SB_INLINE int sb_m3_spd_inverse(sb_mat3 a, sb_mat3 *inverse)
  * whose weights do not sum to 1 is no point, but works too. */
 typedef struct sb_mapping {
     int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
+    const int *row_start;   /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;       /* [row_start[row_count]] */
+    const sb_real *weights; /* [row_start[row_count]] */
 } sb_mapping;
 
 /* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of
@@ -2382,12 +2380,9 @@ SB_INLINE sb_element_type sbi_element_type_or_pinned(sb_element_type type)
 /* 1 for a volume type that this build simulates, else 0. */
 SB_INLINE int sbi_element_is_enabled(sb_element_type type)
 {
-    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) ||
-           (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) ||
-           (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
+    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) || (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) || (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) || (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
 }
 
 /* ---- counts ----------------------------------------------------------------------------------------------
@@ -2433,10 +2428,7 @@ SB_INLINE sb_element_type sb_element_straight(sb_element_type type)
     return SB_NO_ELEMENT;
 }
 /* Corners per element; they are the first nodes. */
-SB_INLINE int sb_element_corner_count(sb_element_type type)
-{
-    return sb_element_node_count(sb_element_straight(type));
-}
+SB_INLINE int sb_element_corner_count(sb_element_type type) { return sb_element_node_count(sb_element_straight(type)); }
 /* 2 for a surface, 3 for a volume. */
 SB_INLINE int sb_element_dimension(sb_element_type type)
 {
@@ -2464,8 +2456,7 @@ SB_API const char *sb_element_name(sb_element_type type);
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
  * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written)
  * for no such face. */
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type);
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 
 /* Local node numbers of edge `edge` in [0, edge_count): both ends, then the node between them or -1. Returns
  * the number of nodes on the edge (2 or 3), 0 (nothing written) for no such edge. */
@@ -2480,8 +2471,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3]);
 
 /* Shape functions N and their gradients dN/dxi at xi. shape: [nodes] or NULL; gradient: [nodes][3] or NULL,
  * the third component 0 for surfaces. Nothing is written for an unknown type. */
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3]);
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
 
 /* ---- quadrature -----------------------------------------------------------------------------------------*/
 
@@ -2523,19 +2513,19 @@ typedef struct sb_element_table {
      * steps from the job's threads; same xi, same numbers. Gradients at nodes may be anything where they have no
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
-    const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
-                                      * element has motions that cost nothing (hex8 needs 8, not 1) */
-    const sb_real (*points)[3];      /* [point_count] parameters */
-    const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
-    int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
-    const sb_real (*mass_points)[3]; /* [mass_point_count] */
-    const sb_real *mass_weights;     /* [mass_point_count] */
-    int face_count;                  /* in [4, SB_MAX_ELEMENT_FACES] */
+    const void *user;           /* handed to shape */
+    int point_count;            /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+                                 * element has motions that cost nothing (hex8 needs 8, not 1) */
+    const sb_real (*points)[3]; /* [point_count] parameters */
+    const sb_real *weights;     /* [point_count] > 0; their sum is the volume of the parameter domain */
+    int mass_point_count;       /* points of the mass; a rule that is exact for products of shape functions */
+    const sb_real (*mass_points)[3];    /* [mass_point_count] */
+    const sb_real *mass_weights;        /* [mass_point_count] */
+    int face_count;                     /* in [4, SB_MAX_ELEMENT_FACES] */
     const sb_element_table_face *faces; /* [face_count]; together they close around the element. Edges follow from
                                          * them */
-    int vtk_type;                    /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
-                                      * meshes cannot be written */
+    int vtk_type;                       /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
+                                         * meshes cannot be written */
 } sb_element_table;
 
 /* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
@@ -2563,9 +2553,9 @@ typedef struct sb_mesh {
     sb_vec3 *nodes; /* [node_count] positions (m) */
     sb_element_type element_type;
     int element_count;
-    int *elements;          /* [element_count][nodes per element] node indices */
-    int *regions;           /* [element_count] material region of each element, or NULL: all 0 */
-    sb_allocator allocator; /* what the arrays came from; zeros: malloc */
+    int *elements;                 /* [element_count][nodes per element] node indices */
+    int *regions;                  /* [element_count] material region of each element, or NULL: all 0 */
+    sb_allocator allocator;        /* what the arrays came from; zeros: malloc */
     const sb_element_table *table; /* of SB_CUSTOM elements; borrowed, also by copies and bodies. Others: not read */
 } sb_mesh;
 
@@ -2587,8 +2577,7 @@ SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
 SB_API void sb_mesh_free(sb_mesh *mesh);
 
 /* Deep copy with memory from `allocator`. */
-SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
-                              sb_error *error);
+SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy, sb_error *error);
 
 /* Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers
  * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
@@ -2632,21 +2621,21 @@ typedef struct sb_mesh_report {
     int defect_count[SB_MESH_DEFECT_COUNT]; /* elements per sb_mesh_defect; [0] the sound ones */
     int not_finite_nodes;                   /* nodes with a NaN or infinite coordinate */
     int first_not_finite_node;              /* or -1 */
-    int unreferenced_nodes;      /* nodes of no element: a stiffness matrix with them is singular */
-    int first_unreferenced_node; /* or -1 */
-    int duplicate_nodes;         /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
-    int components;              /* parts that share no node; each needs supports of its own */
-    sb_real volume; /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
-    sb_real area;   /* m^2: surfaces; 0 for volumes */
+    int unreferenced_nodes;                 /* nodes of no element: a stiffness matrix with them is singular */
+    int first_unreferenced_node;            /* or -1 */
+    int duplicate_nodes;                    /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
+    int components;                         /* parts that share no node; each needs supports of its own */
+    sb_real volume;             /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
+    sb_real area;               /* m^2: surfaces; 0 for volumes */
     sb_real min_edge, max_edge; /* m, straight corner to corner */
-    sb_real worst_quality;    /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
-    int worst_element;        /* its element, or -1 */
-    int boundary_faces;       /* volumes: faces of one element only */
-    int nonmanifold_faces;    /* volumes: faces of more than two elements */
-    int open_edges;           /* surfaces: edges of one element only; 0: closed */
-    int nonmanifold_edges;    /* surfaces: edges of more than two elements */
-    int inconsistent_edges;   /* surfaces: edges whose two elements are oriented against each other */
-    int nonmanifold_vertices; /* surfaces: nodes where parts touch in a point */
+    sb_real worst_quality;      /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
+    int worst_element;          /* its element, or -1 */
+    int boundary_faces;         /* volumes: faces of one element only */
+    int nonmanifold_faces;      /* volumes: faces of more than two elements */
+    int open_edges;             /* surfaces: edges of one element only; 0: closed */
+    int nonmanifold_edges;      /* surfaces: edges of more than two elements */
+    int inconsistent_edges;     /* surfaces: edges whose two elements are oriented against each other */
+    int nonmanifold_vertices;   /* surfaces: nodes where parts touch in a point */
     sb_allocator allocator;
 } sb_mesh_report;
 
@@ -2738,31 +2727,28 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
                                   sb_boundary *boundary, sb_error *error);
 /* Neighbour of each element across each face (surfaces: across each edge), [elements][faces or edges]; -1
  * where there is none or more than one. */
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error);
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error);
 /* Every edge once, corner to corner, [edges][2] with the smaller node first, sorted. */
 SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *edges,
                                sb_error *error);
 /* The elements of each node, ascending. */
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error);
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error);
 /* Part number of each element, [elements][1], from 0 in the order of their first element; elements that share
  * a node belong together. *count (or NULL): number of parts. */
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error);
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error);
 
 /* ---- conversions --------------------------------------------------------------------------------------- */
 
 /* The tet10 mesh with straight edges of a tet4 mesh: old nodes first, then one node per edge. Regions are
  * kept. */
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error);
 /* The hex20 or hex27 mesh with straight edges of a hex8 mesh: old nodes first, then one node per edge, and for hex27
  * one per face and one per element, each in the middle. Regions are kept. */
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error);
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error);
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error);
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. Worth a call before a body is made of a mesh: a tangent of 9,600 tet10 is assembled in three
  * quarters of the time it takes with nodes as sb_mesh_beam numbers them, and in less than along a
@@ -2785,17 +2771,18 @@ SB_API sb_result sb_mesh_reorder(sb_mesh *mesh, int *node_map, int *element_map,
  * before they write any node.
  *
  * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
- * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
- * 0 may be NULL.
+ * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of
+ * count 0 may be NULL.
  *
- * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test. A
- * free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test.
+ * A free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
 typedef struct sb_mesh_change {
-    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
-    int nodes_per_cell;     /* n below */
+    int node_end,
+        cell_end;       /* slots in use or free lie below these, after the change; they fall when the last ones go */
+    int nodes_per_cell; /* n below */
 
     int made_node_count;
     const int *made_nodes;         /* [made_node_count] */
@@ -2807,17 +2794,18 @@ typedef struct sb_mesh_change {
     const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
 
     int removed_node_count;
-    const int *removed_nodes;  /* [removed_node_count] */
-    const int *heir_start;     /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
-    const int *heirs;          /* nodes in use after the change that loads, mappings and constraints go over to */
+    const int *removed_nodes;    /* [removed_node_count] */
+    const int *heir_start;       /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
+    const int *heirs;            /* nodes in use after the change that loads, mappings and constraints go over to */
     const sb_real *heir_weights; /* they sum to 1 */
 
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
     const sb_vec3 *moved_to;   /* [moved_node_count] and after */
-    const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
-    const int *moved_sources;  /* as sources */
+    const int
+        *moved_start; /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
+    const int *moved_sources; /* as sources */
     const sb_real *moved_weights;
 
     int removed_cell_count;
@@ -2855,19 +2843,19 @@ typedef sb_mesh_change sbi_mesh_change; /* as the library's rooms call it */
 
 /* Box from the origin to `size` (m, each > 0) of nx * ny * nz cells (each >= 1); a cell is 1 hex or 6 tets
  * (Kuhn's). Corner nodes are numbered with x fastest, then y. */
-SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size,
-                              const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size, const sb_allocator *allocator,
+                              sb_mesh *mesh, sb_error *error);
 
 /* Solid cylinder of `radius` and `length` (m, > 0) around coordinate axis 0 (x), 1 (y) or 2 (z), from 0 to
  * length along it. across: cells over the diameter in [4, 20000], along >= 1: layers. Boundary nodes lie on
  * the cylinder, so the volume is too small by O(1/across^2). Nodes are numbered layer by layer. */
-SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across,
-                                  int along, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across, int along,
+                                  const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
 
 /* Solid ellipsoid around the origin with semi-axes (m, each > 0); cells over each diameter in [4, 500].
  * Boundary nodes lie on the ellipsoid. */
-SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells,
-                                   const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells, const sb_allocator *allocator,
+                                   sb_mesh *mesh, sb_error *error);
 
 /* A solid like a human liver for demonstrations: 1.5 litre (1.2 at 4 cells), 20 cm wide (x, the thick right
  * lobe at negative x), dome above (z up), hollow below, a notch in the front edge (negative y). cells in [4,
@@ -2945,9 +2933,10 @@ typedef struct sb_mesh_set {
     int element_count;
     int *elements; /* [element_count] elements of the mesh, ascending; when dimension is that of the mesh */
     int face_count, face_corners;
-    int *faces;    /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
-                    * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
-                    * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut alike */
+    int *faces; /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
+                 * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
+                 * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut
+                 * alike */
     int node_count;
     int *nodes; /* [node_count] nodes of all its cells, ascending */
 } sb_mesh_set;
@@ -2990,13 +2979,14 @@ SB_API sb_load_options sb_default_load_options(void);
  *          and the node or element: the cell of the file, counted from 0, or with SB_ERROR_MESH the element
  *          of the mesh it would have become
  *
- * The cells of the highest dimension become the mesh: tet4, tet10, hex8, hex20, hex27, or for surfaces tri3, tri6, quad4,
- * quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and POLYDATA, become tri3; polygons
- * are cut into a fan at their first corner, which is right for convex ones. Pyramids, wedges, and hexahedra that are
- * mixed with other volume cells, are cut into tets that fit: each quadrilateral along the diagonal from its lowest node.
- * Linear cells give tet4, quadratic ones (tet10, hex20, hex27, wedge15, wedge18, pyramid13, pyramid14) tet10, whose
- * nodes on diagonals that are not in the file are new, behind those of the file. Linear cells mixed with quadratic
- * ones, and a quadrilateral against triangles that are cut along its other diagonal, are SB_ERROR_UNSUPPORTED.
+ * The cells of the highest dimension become the mesh: tet4, tet10, hex8, hex20, hex27, or for surfaces tri3, tri6,
+ * quad4, quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and POLYDATA, become tri3;
+ * polygons are cut into a fan at their first corner, which is right for convex ones. Pyramids, wedges, and hexahedra
+ * that are mixed with other volume cells, are cut into tets that fit: each quadrilateral along the diagonal from its
+ * lowest node. Linear cells give tet4, quadratic ones (tet10, hex20, hex27, wedge15, wedge18, pyramid13, pyramid14)
+ * tet10, whose nodes on diagonals that are not in the file are new, behind those of the file. Linear cells mixed with
+ * quadratic ones, and a quadrilateral against triangles that are cut along its other diagonal, are
+ * SB_ERROR_UNSUPPORTED.
  *
  * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK, VTU), else
  * `material`, `MaterialIds`, `gmsh:physical`, `medit:ref`, `CellEntityIds` or their like (the report names it), the
@@ -3012,8 +3002,7 @@ SB_API sb_load_options sb_default_load_options(void);
  * SB_ERROR_ARGUMENT (null pointer, options), _FILE (cannot be read), _FORMAT, _NOT_FINITE (coordinate, also
  * one too large for sb_real), _INDEX (node that does not exist), _MESH (inverted or flat elements, no
  * elements), _UNSUPPORTED (names the version, data set or element type) or _MEMORY. */
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error);
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error);
 
 /* Reads a mesh from memory, as sb_mesh_load does from a file.
  *
@@ -3043,11 +3032,11 @@ typedef struct sb_field {
 /* Writes a legacy VTK 3.0 unstructured grid in ASCII, with fields, and mesh->regions as the cell field
  * `region`. The numbers are exact: %.17g (%.9g when sb_real is float). fields may be NULL when field_count
  * is 0. */
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error);
 /* The same in VTK's big-endian binary form: smaller, faster, exact. */
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error);
 
 /* Surfaces of tri3 or quad4; other meshes are SB_ERROR_UNSUPPORTED (a volume: see sb_mesh_boundary). */
 
@@ -3101,8 +3090,8 @@ typedef struct sb_image {
  * error    may be NULL; file and line (line 0 in binary parts, where the message has the byte offset)
  *
  * VTK files: the first array of one number per point (or cell, where no point has one) is taken. Images of two
- * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an int.
- * Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
+ * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an
+ * int. Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
  *
  * SB_ERROR_ARGUMENT, _FILE, _FORMAT (also: data cut off, more of it than the header says, a value that is no label),
  * _NOT_FINITE (origin, spacing, a value), _UNSUPPORTED (names what: more dimensions, vectors, a compression, pieces),
@@ -3112,8 +3101,8 @@ SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_
  * name stands for the path in errors; may be NULL. */
 SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
                                       const sb_load_options *options, sb_error *error);
-/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file that
- * cannot be read. */
+/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file
+ * that cannot be read. */
 SB_API int sb_image_is_file(const char *path);
 /* Releases the labels and zeroes the struct. Safe on {0} and on NULL. */
 SB_API void sb_image_free(sb_image *image);
@@ -3148,8 +3137,8 @@ enum { SB_LABEL_MAX_SMOOTHING = 8 };
 
 /* Which voxels are inside, and how their surface is made. Start from sb_default_label_def(). */
 typedef struct sb_label_def {
-    const sb_image *image;  /* borrowed */
-    const int *labels;      /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
+    const sb_image *image; /* borrowed */
+    const int *labels;     /* [label_count] what is inside; NULL with 0 (default): everything but label 0 */
     int label_count;
     int smoothing;          /* in [0, SB_LABEL_MAX_SMOOTHING]; default 2. 0: faces half-way between voxels, with their
                              * steps. n: steps of up to about 2 n voxels length become slopes */
@@ -3158,41 +3147,42 @@ typedef struct sb_label_def {
 } sb_label_def;
 
 typedef struct sb_label_report {
-    int voxels;             /* that are inside */
-    sb_real voxel_volume;   /* m^3 of them */
-    sb_real volume;         /* m^3 that the surface encloses */
-    int held_voxels;        /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
+    int voxels;           /* that are inside */
+    sb_real voxel_volume; /* m^3 of them */
+    sb_real volume;       /* m^3 that the surface encloses */
+    int held_voxels;      /* on which smoothing would have put the wrong side: parts one voxel thick, mostly */
 } sb_label_report;
 
 SB_API sb_label_def sb_default_label_def(void);
 
-/* The boundary of labels as a mesh of tri3, oriented outward (cavities inward), closed and manifold whatever the voxels: no
- * edge of more or fewer than two triangles, no node where parts touch, no two triangles that cross. It passes between the
- * centres of voxels inside and outside, all of which stay on their side, so nothing is lost and nothing joins: also what is
- * one voxel thick. Voxels that touch along an edge or in a corner only are parts of their own. Beyond the image is outside.
+/* The boundary of labels as a mesh of tri3, oriented outward (cavities inward), closed and manifold whatever the
+ * voxels: no edge of more or fewer than two triangles, no node where parts touch, no two triangles that cross. It
+ * passes between the centres of voxels inside and outside, all of which stay on their side, so nothing is lost and
+ * nothing joins: also what is one voxel thick. Voxels that touch along an edge or in a corner only are parts of their
+ * own. Beyond the image is outside.
  *
- * The inside (1) and the outside (0) are filtered along each axis of the image by (1 2 1) / 4, `smoothing` times: G. What
- * that takes from round parts comes back in (2 + sqrt 2) G - (1 + sqrt 2) G G, and the level near 1/2 (by up to 1/8) is
- * taken at which the surface encloses the voxels' volume. Voxels that end up on the wrong side get a value that puts the
- * surface half-way to their neighbours. Measured: the volume is that of the voxels to 1e-4 for balls of radius 2 to 22
- * voxels, a torus, and plates 1, 2 and 3 voxels thick; single voxels and the smallest parts lose up to 5/6 of theirs. Look
- * at report->volume where parts are that small.
+ * The inside (1) and the outside (0) are filtered along each axis of the image by (1 2 1) / 4, `smoothing` times: G.
+ * What that takes from round parts comes back in (2 + sqrt 2) G - (1 + sqrt 2) G G, and the level near 1/2 (by up to
+ * 1/8) is taken at which the surface encloses the voxels' volume. Voxels that end up on the wrong side get a value that
+ * puts the surface half-way to their neighbours. Measured: the volume is that of the voxels to 1e-4 for balls of radius
+ * 2 to 22 voxels, a torus, and plates 1, 2 and 3 voxels thick; single voxels and the smallest parts lose up to 5/6 of
+ * theirs. Look at report->volume where parts are that small.
  *
- * mesh: overwritten, not freed. report: or NULL. Failures leave both untouched: SB_ERROR_ARGUMENT (a field, named; no voxel
- * has the labels), _NOT_FINITE (of the image), _UNSUPPORTED (more nodes or triangles than an int counts), _MEMORY. Two
- * triangles for each face between voxels, and more where the surface is rough. Scratch: 8 bytes for each voxel of the
- * box round the labels. O(voxels). The same bits each time.
+ * mesh: overwritten, not freed. report: or NULL. Failures leave both untouched: SB_ERROR_ARGUMENT (a field, named; no
+ * voxel has the labels), _NOT_FINITE (of the image), _UNSUPPORTED (more nodes or triangles than an int counts),
+ * _MEMORY. Two triangles for each face between voxels, and more where the surface is rough. Scratch: 8 bytes for each
+ * voxel of the box round the labels. O(voxels). The same bits each time.
  *
- * Source: marching cubes (Lorensen, Cline 1987) with loops traced face by face instead of a table: on a face whose corners
- * alternate, voxels inside stay apart, so that both its cubes agree. Loops of five and more nodes, and those of four that
- * meet one face twice, are filled round a centre, which no other triangle can touch. */
+ * Source: marching cubes (Lorensen, Cline 1987) with loops traced face by face instead of a table: on a face whose
+ * corners alternate, voxels inside stay apart, so that both its cubes agree. Loops of five and more nodes, and those of
+ * four that meet one face twice, are filled round a centre, which no other triangle can touch. */
 SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report *report, sb_error *error);
 
 /* Makes the regions of a mesh's elements their labels: that of most of a sample of points (the centre, and the points
- * half-way from there to each node). Background (0) does not count, since the skin of a mesh cuts through voxels; where all
- * points lie in it the nearest label is taken, up to two voxels away, and 0 if there is none. mesh->regions is made with
- * mesh->allocator where it is NULL. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MESH (of the mesh's arrays), _MEMORY: the mesh
- * is as it was. O(elements). */
+ * half-way from there to each node). Background (0) does not count, since the skin of a mesh cuts through voxels; where
+ * all points lie in it the nearest label is taken, up to two voxels away, and 0 if there is none. mesh->regions is made
+ * with mesh->allocator where it is NULL. SB_ERROR_ARGUMENT, _NOT_FINITE, _INDEX, _MESH (of the mesh's arrays), _MEMORY:
+ * the mesh is as it was. O(elements). */
 SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_error *error);
 
 #endif /* SB_LABELS_H */
@@ -3240,8 +3230,8 @@ typedef struct sb_surface_hit {
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
- * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
+ * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block
+ * of memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
  * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
@@ -3334,19 +3324,19 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 /* ---- checks ---------------------------------------------------------------------------------------------------------
  * A surface bounds a solid when every point is clearly inside or outside. What can stand against it: */
 typedef enum sb_surface_finding {
-    SB_SURFACE_OPEN_EDGES = 1,         /* edges of one face only: holes, or borders that were never welded */
-    SB_SURFACE_FLIPPED = 2,            /* edges whose two faces are oriented against each other */
-    SB_SURFACE_NONMANIFOLD_EDGES = 4,  /* edges of more than two faces */
-    SB_SURFACE_NONMANIFOLD_NODES = 8,  /* nodes where parts touch in a point */
-    SB_SURFACE_DEGENERATE = 16,        /* faces without area, or with a node twice */
-    SB_SURFACE_DUPLICATES = 32,        /* faces with the corners of one before them */
-    SB_SURFACE_UNWELDED = 64,          /* nodes within 1e-6 of the surface's size of another */
-    SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
-    SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
-    SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
-    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
-                                        * size, and that do not cross those looked at: the rest were not looked at */
+    SB_SURFACE_OPEN_EDGES = 1,        /* edges of one face only: holes, or borders that were never welded */
+    SB_SURFACE_FLIPPED = 2,           /* edges whose two faces are oriented against each other */
+    SB_SURFACE_NONMANIFOLD_EDGES = 4, /* edges of more than two faces */
+    SB_SURFACE_NONMANIFOLD_NODES = 8, /* nodes where parts touch in a point */
+    SB_SURFACE_DEGENERATE = 16,       /* faces without area, or with a node twice */
+    SB_SURFACE_DUPLICATES = 32,       /* faces with the corners of one before them */
+    SB_SURFACE_UNWELDED = 64,         /* nodes within 1e-6 of the surface's size of another */
+    SB_SURFACE_INSIDE_OUT = 128,      /* closed parts that look inward, and are not the walls of a cavity */
+    SB_SURFACE_SELF_CROSSING = 256,   /* pairs of triangles that pass through each other or overlap in a plane */
+    SB_SURFACE_UNREFERENCED = 512,    /* nodes of no face */
+    SB_SURFACE_SEVERAL_PARTS = 1024,  /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_CROWDED = 2048         /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
+                                       * size, and that do not cross those looked at: the rest were not looked at */
 } sb_surface_finding;
 
 enum {
@@ -3364,13 +3354,13 @@ typedef struct sb_surface_place {
 } sb_surface_place;
 
 typedef struct sb_surface_report {
-    int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
+    int findings;                                     /* sum of the sb_surface_finding whose count is not 0 */
     sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
-    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
-                                                    * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
-    int parts;                                     /* parts that share no node */
-    sb_real volume;                                /* m^3 enclosed; meaningful when closed */
-    sb_real area;                                  /* m^2 */
+    int crossings_partial;                            /* 1: more pairs may cross than were counted. Counting ends at 16
+                                                       * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
+    int parts;                                        /* parts that share no node */
+    sb_real volume;                                   /* m^3 enclosed; meaningful when closed */
+    sb_real area;                                     /* m^2 */
 } sb_surface_report;
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
@@ -3409,10 +3399,10 @@ typedef struct sb_surface_repair_report {
     int merged_nodes, removed_nodes;
     int removed_degenerate; /* faces without area taken out */
     int removed_duplicates;
-    int flipped_edges;      /* of pairs of triangles: how faces without area but with three nodes are got rid of */
+    int flipped_edges; /* of pairs of triangles: how faces without area but with three nodes are got rid of */
     int turned_faces;
     int filled_holes, added_faces;
-    int left_holes;         /* holes too long, or with a border that touches itself; -1 when none were looked for */
+    int left_holes; /* holes too long, or with a border that touches itself; -1 when none were looked for */
 } sb_surface_repair_report;
 
 SB_API sb_surface_repair_def sb_default_surface_repair(void);
@@ -3425,18 +3415,18 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
 
 /* ---- shapes: what a mesh or a grid is made round ----------------------------------------------------------------- */
 
-/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It must
- * give the same value for the same point each time, also when called from several threads at once. */
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It
+ * must give the same value for the same point each time, also when called from several threads at once. */
 typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
 
 /* The inside of something: of a surface, or of a function of one's own; one of the two. Zero-initialise. */
 typedef struct sb_shape {
     const sb_surface *surface; /* or NULL, then `distance` is called. Borrowed for the call that takes the shape */
     sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
-                                * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside */
+    void *user;        /* handed to `distance` */
+    sb_real max_slope; /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                        * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;        /* of the elements inside */
 } sb_shape;
 
 
@@ -3463,37 +3453,38 @@ typedef struct sb_shape {
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_shape *shapes;       /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
-                                   * where the winding number says so) */
-    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
-    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
-                                   * surface, which brings its own */
-    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
-    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
-    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
-    int max_elements;             /* more than that are refused; default 20 million */
-    sb_real least_share;          /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
-                                   * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0: whatever
-                                   * comes out is taken */
+    const sb_shape *shapes; /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
+                             * where the winding number says so) */
+    int shape_count;        /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;      /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+                             * surface, which brings its own */
+    sb_real cell;           /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;             /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;   /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;       /* more than that are refused; default 20 million */
+    sb_real least_share;    /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
+                             * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0:
+                             * whatever comes out is taken */
     int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
                                                    * a result other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
-    sb_jobs jobs;                 /* of sampling; default inline */
-    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;           /* of sampling; default inline */
+    unsigned cookie;        /* set by sb_default_stuff_def; a def made without it is refused */
 } sb_stuff_def;
 
 /* What came out. */
 typedef struct sb_stuff_report {
-    int cells[3];            /* of the lattice, along x, y, z */
+    int cells[3]; /* of the lattice, along x, y, z */
     int node_count, element_count;
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
-                              * its triangles; functions: to where a few Newton steps end */
-    sb_real volume;          /* m^3 */
-    /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact but
-     * where they overlap themselves, which counts twice; functions: of a sample of points), and share of its surface
-     * within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies inside). */
+    sb_real distance; /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
+                       * its triangles; functions: to where a few Newton steps end */
+    sb_real volume;   /* m^3 */
+    /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact
+     * but where they overlap themselves, which counts twice; functions: of a sample of points), and share of its
+     * surface within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies
+     * inside). */
     sb_real volume_share[SB_STUFF_MAX_SHAPES], surface_share[SB_STUFF_MAX_SHAPES];
 } sb_stuff_report;
 
@@ -3508,11 +3499,11 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
  * cells, nodes slide along the surface and edges are split as long as the angles allow it; when that does not bring the
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
- * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
- * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is missing;
- * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
- * what is missing.
+ * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes
+ * with sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts
+ * that come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is
+ * missing; where it is more than def->least_share allows, there is no mesh but an error that names a cell for the
+ * thickness of what is missing.
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or
@@ -3567,16 +3558,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;              /* shear modulus [Pa], > 0 */
-    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
-    sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
-    sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real density;                       /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;                        /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;                            /* shear modulus [Pa], > 0 */
+    sb_real c10;                           /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;                            /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;                           /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;                      /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real fibre_stiffness;               /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;                /* k2, >= 0 */
+    int prony_count;                       /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -3605,8 +3596,7 @@ SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb
 SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
 /* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
  * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density);
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
@@ -3616,8 +3606,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -3677,8 +3666,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * stretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by
  * less than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does
  * not divide by it. */
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81]);
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81]);
 
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
@@ -3708,8 +3697,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -3753,29 +3742,29 @@ typedef struct sb_test_point {
 } sb_test_point;
 
 typedef struct sb_fit_options {
-    int order;       /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
-    int relative;    /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+    int order;        /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;     /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
                          0: errors in Pa, so that large stresses rule */
-    int nonnegative; /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int nonnegative;  /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
     int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
                          Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
-    sb_real poisson; /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
-    sb_real d1;      /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
-    sb_real density; /* [kg/m^3] > 0 of the result. Default 1000 */
+    sb_real poisson;  /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;       /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density;  /* [kg/m^3] > 0 of the result. Default 1000 */
 } sb_fit_options;
 
 SB_API sb_fit_options sb_default_fit_options(void);
 
 typedef struct sb_fit_info {
-    int points;     /* readings that counted */
-    int constants;  /* constants fitted; Prony: terms kept */
-    int iterations; /* least-squares solves */
-    sb_real rms;    /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    int points;        /* readings that counted */
+    int constants;     /* constants fitted; Prony: terms kept */
+    int iterations;    /* least-squares solves */
+    sb_real rms;       /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
     sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
     /* The least part of a constant's influence that is its own, of 1: below 0.01 the constants answer for
      * each other, so that noise moves them far. */
     sb_real weakest;
-    int stable;  /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    int stable; /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
     sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
     sb_real unstable_strain;
 } sb_fit_info;
@@ -3784,8 +3773,8 @@ typedef struct sb_fit_info {
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
- * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
+ * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
+ * ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
  * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
  * Deformations, 1984, ch. 7. */
 SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
@@ -3799,8 +3788,8 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
  * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error);
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error);
 
 #endif /* SB_MATERIAL_FIT_H */
 
@@ -3820,7 +3809,7 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * Whole storage costs twice the memory of one triangle, but then a row of a product has one writer: rows can
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
-    int row_count; /* nodes */
+    int row_count;        /* nodes */
     int block_count;      /* extent of the arrays of blocks */
     int *row_start;       /* [row_count + 1] first block of each row */
     int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
@@ -3851,8 +3840,7 @@ typedef struct sb_matrix {
  * would be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch
  * memory are proportional to the cells' node pairs. */
 SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_cell, const int *cell_start,
-                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix,
-                                  sb_error *error);
+                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix, sb_error *error);
 
 /* Releases the arrays and zeroes the struct; a zeroed matrix is fine. */
 SB_API void sb_matrix_free(sb_matrix *matrix);
@@ -3882,18 +3870,14 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
  * Needs a symmetric matrix; touches the constrained rows and their transposed blocks only. The diagonal stays
  * as large as its neighbours so that neither the condition number nor a relative residual notices the
  * replaced rows. */
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs);
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs);
 
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
 /* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
 enum { SBI_ROW_CHUNK = 256 };
 
-SB_INLINE int sbi_row_chunks(int row_count)
-{
-    return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
-}
+SB_INLINE int sbi_row_chunks(int row_count) { return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0); }
 
 /* As many parts as a matrix of so many rows can have: two rows each at least, but for those coupled with no other. */
 SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
@@ -3922,15 +3906,15 @@ typedef struct sb_direct_def {
 
 /* What a solver is and how its last update went. */
 typedef struct sb_direct_info {
-    int unknowns;             /* 3 row_count */
-    int fronts;               /* dense pieces that the factor is made of */
-    int largest_front;        /* rows of the largest */
-    double factor_entries;    /* of L, with the zeros that are stored */
-    double multiply_adds;     /* of an update; a solve takes 2 factor_entries */
-    size_t bytes;             /* memory held */
-    sb_real least_pivot;      /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
-                               * of the condition at best. 0 before the first */
-    int negative_pivots;      /* of the last update (LDL^T): how many eigenvalues are negative */
+    int unknowns;          /* 3 row_count */
+    int fronts;            /* dense pieces that the factor is made of */
+    int largest_front;     /* rows of the largest */
+    double factor_entries; /* of L, with the zeros that are stored */
+    double multiply_adds;  /* of an update; a solve takes 2 factor_entries */
+    size_t bytes;          /* memory held */
+    sb_real least_pivot;   /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
+                            * of the condition at best. 0 before the first */
+    int negative_pivots;   /* of the last update (LDL^T): how many eigenvalues are negative */
 } sb_direct_info;
 
 /* The factor of matrices of one pattern. Multifrontal: nested dissection cuts the nodes by small separators; the
@@ -3977,34 +3961,34 @@ SB_API sb_direct_info sb_direct_get_info(const sb_direct *direct);
  * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
  * not even where its deformation is one that the material does not admit. */
 typedef struct sb_domain {
-    sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    sb_element_type element_type;  /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
-    int single_rotation;          /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
-    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
-                                   * gradients and their volume, and stands for the share of the material that resists
-                                   * changes of volume, which the others then leave out */
+    int single_rotation;           /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
+    int mean_point;                /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                    * gradients and their volume, and stands for the share of the material that resists
+                                    * changes of volume, which the others then leave out */
     int node_count;
     int cell_count;
     int nodes_per_cell;
     int points_per_cell;
-    int *cells;                   /* [cell_count][nodes_per_cell] */
-    sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
-    sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
-    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
-                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
-    int cell_capacity;            /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
+    int *cells;         /* [cell_count][nodes_per_cell] */
+    sb_real *gradients; /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
+    sb_real *weights;   /* [cell_count][points_per_cell]  (m^3) */
+    sb_real *cell_mass; /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                         * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    int cell_capacity;  /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
     sb_allocator allocator;
 } sb_domain;
 
 /* How a domain integrates its elements. */
 typedef enum sb_integration {
-    SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
+    SB_INTEGRATION_AUTO = 0,     /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
-    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
-    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
-                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
-                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
-                                * stays as stiff as with the standard rule */
+    SB_INTEGRATION_CURVED = 2,   /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3      /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                  * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                  * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                  * stays as stiff as with the standard rule */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
@@ -4021,11 +4005,11 @@ SB_API void sb_domain_free(sb_domain *domain);
 
 /* Mass matrices of an element at unit density. */
 typedef enum sb_mass_kind {
-    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
-                             * have masses of their own (cell_mass), no node gets less than half of what it would have of
-                             * cells as full as their stiffness, so that explicit steps stay nearly as long as in full
-                             * cells however little of one is inside; the mass of each part of the body stays what it is,
-                             * and where any node was given more its centre is made exact */
+    SB_MASS_LUMPED = 0, /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
+                         * have masses of their own (cell_mass), no node gets less than half of what it would have
+                         * of cells as full as their stiffness, so that explicit steps stay nearly as long as in
+                         * full cells however little of one is inside; the mass of each part of the body stays what
+                         * it is, and where any node was given more its centre is made exact */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
     SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
                              * rank on tets: for comparisons, with supports */
@@ -4079,7 +4063,7 @@ typedef enum sb_precond_kind {
                                   * three times its set-up */
     SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
-    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
+    SB_PRECOND_MULTIGRID = 7 /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
 enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
@@ -4087,29 +4071,29 @@ enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
-    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected part
-                      * of the pattern gets its share of them, one at least */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected
+                      * part of the pattern gets its share of them, one at least */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
                       * nodes on, where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and
                       * applied, from both ends of it. Otherwise it shares out its coarse space only, as SSOR and
                       * Cholesky do, which is made while one thread makes the factor */
-    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
-                      * take a step more, which saves about a fifth of the iterations. Default 0 */
-    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
-                                       * made below the last. Default NULL: all are made from positions */
+    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its
+                      * smoothers take a step more, which saves about a fifth of the iterations. Default 0 */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more
+                                       * are made below the last. Default NULL: all are made from positions */
     int level_count;
-    const sb_real *moduli;    /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
-                               * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
-                               * Parts whose moduli differ by more than five then get coarse nodes of their own, and
-                               * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
-                               * Rows of such small parts are left with next to no residual, so that all of a tolerance
-                               * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
-                               * Slivers are stiff across their height, too: tets at 1e-3 and 1e-4 of it, under one in a
-                               * hundred, cost three and eight times the iterations, told as E over that share 1.25 times.
-                               * Not with levels. Default NULL: one modulus */
+    const sb_real *moduli; /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
+                            * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli
+                            * gives. Parts whose moduli differ by more than five then get coarse nodes of their own,
+                            * and small ones that are fifty times as stiff as the softest are solved by elimination:
+                            * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
+                            * Rows of such small parts are left with next to no residual, so that all of a tolerance
+                            * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
+                            * Slivers are stiff across their height, too: tets at 1e-3 and 1e-4 of it, under one in a
+                            * hundred, cost three and eight times the iterations, told as E over that share 1.25
+                            * times. Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -4161,10 +4145,10 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out stays. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out
+ * stays. */
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error);
+                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
 /* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
@@ -4204,7 +4188,8 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const
 /* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
- * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never
+ * updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
 /* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a
  * coarse space if this one has one, or without, where that changes the factor's order; it is without until
@@ -4226,28 +4211,28 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 /* guest: what is solved together with the nodes of a matrix: unknowns of its own, forces on nodes, or both. Floor 1,
  * internal.
  *
- * The system is (A + G) x = b over the nodes' displacements and the guests' unknowns; A is an sb_matrix, G what the guests
- * answer. A guest sees compact vectors only: its unknowns, then the three components of each of its nodes, in doubles
- * also where sb_real is float. It never sees the vectors of conjugate gradients, supports or threads. Prescribed
- * components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the guest answers
- * there is left out of the equations.
+ * The system is (A + G) x = b over the nodes' displacements and the guests' unknowns; A is an sb_matrix, G what the
+ * guests answer. A guest sees compact vectors only: its unknowns, then the three components of each of its nodes, in
+ * doubles also where sb_real is float. It never sees the vectors of conjugate gradients, supports or threads.
+ * Prescribed components of its nodes are known motion: `residual` sees them, in `multiply` they are 0, and what the
+ * guest answers there is left out of the equations.
  *
- * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's components
- * are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no motion. A step
- * of several Newton iterations solves several systems, each for what is still to be added; a guest does not see that. Its
- * rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
+ * In the step of a body all is counted from the start of the step: in `residual`, `settle` and `commit` a node's
+ * components are its displacement over the step, up to where the forces balance, and unknowns that are 0 stand for no
+ * motion. A step of several Newton iterations solves several systems, each for what is still to be added; a guest does
+ * not see that. Its rows hold for the whole step: it is linear in it, but for what `begin` and `settle` change.
  *
  * What a needle asks of it (a rod that sticks to nodes or slips past them, in the null-space form):
  *   - unknowns that are no displacements of nodes: slip along a tangent, nodes outside: `unknown`, in any unit
- *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the rod's
- *     own block solve, in which those nodes take part with the blocks of A among them: `taken_count`, `begin`
+ *   - nodes that follow the rod exactly, a million times stiffer than tissue: forces on them by `multiply`, and the
+ *     rod's own block solve, in which those nodes take part with the blocks of A among them: `taken_count`, `begin`
  *   - known displacements and loads: `residual`
  *   - a first guess in which the rod has moved with what is known, a tolerance relative to what is left after it, and
  *     a norm in which the rod's stiffness does not count: always done
  *   - friction states guessed, contradicted and turned over, each time a new block and the solve gone on with: `settle`
  *   - several needles, rods beside the tissue (no nodes), pivoting over all of them: several guests, or one of all
- *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`, `commit`,
- *     `undo`
+ *   - factors of the step, what the nodes move by without the increment, to commit and to undo: `sbi_guest_step`,
+ *     `commit`, `undo`
  * Contact has no unknowns and changes with the increment: it will add members at the end for the step (forces and
  * blocks at a trial, slope and acceptance) and use `residual` and `multiply` for cross terms between nodes. */
 #ifndef SB_GUEST_H
@@ -4295,8 +4280,8 @@ SB_API sb_pcg_options sb_default_pcg_options(void);
 
 /* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
  * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error);
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
+                                         sb_error *error);
 SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
 
 /* Solves A x = rhs for a symmetric positive definite A.
@@ -4315,10 +4300,10 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
  *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
  * Parts that the pattern of A does not connect are solved as if each were alone, side by side: with step lengths of its
- * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside it.
- * Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1. With
- * levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the part
- * that needs most.
+ * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside
+ * it. Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1.
+ * With levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the
+ * part that needs most.
  * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
  * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
@@ -4344,15 +4329,15 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 #define SB_GRID_H
 
 
-/* A surface that no mesh follows is laid into a grid of bricks. Bricks that it does not touch are dropped, those it cuts
- * are integrated over the part that is inside:
+/* A surface that no mesh follows is laid into a grid of bricks. Bricks that it does not touch are dropped, those it
+ * cuts are integrated over the part that is inside:
  *
  *     +------+------+------+      sparse: as if they were full. Cheapest, too stiff, jumps with the grid's position
  *     |   ,--+------+--.   |      finite cell: cut again and again into eight where the surface goes (an octree); the
  *     |  /   |      |   \  |          points of its leaves that are inside. Exact as the level grows, as does the cost
  *     +-|----+------+----|-+      weighted cell: the eight points that a full brick has, each with the inside share of
- *     |  \   |      |   /  |          its octant as weight, from the same octree. Costs as much as a plain mesh at any level
- *     |   `--+------+--'   |
+ *     |  \   |      |   /  |          its octant as weight, from the same octree. Costs as much as a plain mesh at any
+ *     level |   `--+------+--'   |
  *     +------+------+------+      [thesis of Brunet 2020, chapter 4; finite cell: Parvizian, Duester, Rank 2007]
  *
  * What comes out is a mesh and a domain for a body:
@@ -4363,69 +4348,65 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
  *     def.domain = &grid.domain;
  * Supports and loads act on points of the surface, through rows of node weights (sb_grid_map_points, _map_surface). */
 
-typedef enum sb_grid_method {
-    SB_GRID_SPARSE = 1,
-    SB_GRID_FINITE_CELL = 2,
-    SB_GRID_WEIGHTED_CELL = 3
-} sb_grid_method;
+typedef enum sb_grid_method { SB_GRID_SPARSE = 1, SB_GRID_FINITE_CELL = 2, SB_GRID_WEIGHTED_CELL = 3 } sb_grid_method;
 
 enum {
-    SB_GRID_EMPTY = -1,     /* region of a shape that is a hole */
+    SB_GRID_EMPTY = -1,      /* region of a shape that is a hole */
     SB_GRID_MAX_SHAPES = 30, /* the outer one and the inner ones */
     SB_GRID_MAX_LEVEL = 8
 };
 
 /* What a grid is made from. Start from sb_default_grid_def(). */
 typedef struct sb_grid_def {
-    sb_grid_method method;        /* default SB_GRID_WEIGHTED_CELL */
-    int level;                    /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
-                                   * More than 3 hardly changes weighted cells; finite cells have four times the points
-                                   * with each level */
-    sb_shape outer;               /* the body */
-    const sb_shape *inner;        /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
-                                   * SB_GRID_EMPTY. Where they overlap, the
-                                   * last one counts; what sticks out of the outer shape does not */
-    int inner_count;              /* at most SB_GRID_MAX_SHAPES - 1 */
-    sb_vec3 low, high;            /* box that the grid is to cover (m); equal (default): that of outer.surface */
-    int cells;                    /* cells along the longest side of the box, in [1, 2000]; default 10. They are cubes, and
-                                   * the grid is centred round the box */
-    sb_real cell_size;            /* edge of a cell (m) instead; 0 (default): from `cells` */
-    int counts[3];                /* cells along each axis instead, so that the grid is the box and its cells need not be
-                                   * cubes; 0 (default): from the above */
-    sb_real void_stiffness;       /* share of the stiffness that points outside keep, [0, 1); default 1e-4. It holds what
-                                   * hangs on nearly nothing. 0 may leave the tangent singular. Has no mass */
-    sb_real least_share;          /* cells with less of their volume inside are dropped, [0, 1); default 0: only those in
-                                   * which no point was found inside */
-    int max_points;               /* finite cells: more points (with those of uncut cells) are refused rather than computed
-                                   * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
-    sb_allocator allocator;       /* default malloc */
-    sb_jobs jobs;                 /* default inline */
-    int (*progress)(void *user, double share); /* called now and then by the caller's thread with the share of work done,
-                                   * in (0, 1]; a result other than 0 cancels. Default NULL */
+    sb_grid_method method;  /* default SB_GRID_WEIGHTED_CELL */
+    int level;              /* how often cut cells are halved, [0, SB_GRID_MAX_LEVEL]; default 3. 0 is the sparse grid.
+                             * More than 3 hardly changes weighted cells; finite cells have four times the points
+                             * with each level */
+    sb_shape outer;         /* the body */
+    const sb_shape *inner;  /* [inner_count] parts of other regions (tumours, vessels), or NULL; holes have the region
+                             * SB_GRID_EMPTY. Where they overlap, the
+                             * last one counts; what sticks out of the outer shape does not */
+    int inner_count;        /* at most SB_GRID_MAX_SHAPES - 1 */
+    sb_vec3 low, high;      /* box that the grid is to cover (m); equal (default): that of outer.surface */
+    int cells;              /* cells along the longest side of the box, in [1, 2000]; default 10. They are cubes, and
+                             * the grid is centred round the box */
+    sb_real cell_size;      /* edge of a cell (m) instead; 0 (default): from `cells` */
+    int counts[3];          /* cells along each axis instead, so that the grid is the box and its cells need not be
+                             * cubes; 0 (default): from the above */
+    sb_real void_stiffness; /* share of the stiffness that points outside keep, [0, 1); default 1e-4. It holds what
+                             * hangs on nearly nothing. 0 may leave the tangent singular. Has no mass */
+    sb_real least_share;    /* cells with less of their volume inside are dropped, [0, 1); default 0: only those in
+                             * which no point was found inside */
+    int max_points;         /* finite cells: more points (with those of uncut cells) are refused rather than computed
+                             * with, >= 8; default 4,000,000. Each costs about 400 bytes in a body */
+    sb_allocator allocator; /* default malloc */
+    sb_jobs jobs;           /* default inline */
+    int (*progress)(void *user, double share); /* called now and then by the caller's thread with the share of work
+                                                * done, in (0, 1]; a result other than 0 cancels. Default NULL */
     void *progress_user;
-    unsigned cookie;              /* set by sb_default_grid_def; a def made without it is refused */
+    unsigned cookie; /* set by sb_default_grid_def; a def made without it is refused */
 } sb_grid_def;
 
 SB_API sb_grid_def sb_default_grid_def(void);
 
 /* A grid. Zero-initialise; release with sb_grid_free. */
 typedef struct sb_grid {
-    sb_mesh mesh;                 /* hex8: the cells that are kept, once each; for pictures and embedding. regions: the one
-                                   * with most of the cell */
-    sb_mesh body_mesh;            /* hex8: what a body's elements are. The same nodes; each cell once for every eight points
-                                   * and for each of its regions */
-    sb_domain domain;             /* points, weights and masses of body_mesh */
-    int *body_cells;              /* [body_mesh.element_count] element of mesh that each belongs to, ascending */
-    sb_real *shares;              /* [mesh.element_count] share of the cell's volume that is inside, (0, 1]; sparse: 1 */
-    sb_vec3 origin;               /* (m) low corner */
-    sb_vec3 cell_size;            /* (m) */
-    int counts[3];                /* cells along each axis, dropped ones included */
-    int *lattice;                 /* [counts[2]][counts[1]][counts[0]] element of mesh, or -1 */
-    int cut_count;                /* elements of mesh that a surface cuts */
+    sb_mesh mesh;      /* hex8: the cells that are kept, once each; for pictures and embedding. regions: the one
+                        * with most of the cell */
+    sb_mesh body_mesh; /* hex8: what a body's elements are. The same nodes; each cell once for every eight points
+                        * and for each of its regions */
+    sb_domain domain;  /* points, weights and masses of body_mesh */
+    int *body_cells;   /* [body_mesh.element_count] element of mesh that each belongs to, ascending */
+    sb_real *shares;   /* [mesh.element_count] share of the cell's volume that is inside, (0, 1]; sparse: 1 */
+    sb_vec3 origin;    /* (m) low corner */
+    sb_vec3 cell_size; /* (m) */
+    int counts[3];     /* cells along each axis, dropped ones included */
+    int *lattice;      /* [counts[2]][counts[1]][counts[0]] element of mesh, or -1 */
+    int cut_count;     /* elements of mesh that a surface cuts */
     int region_count;
-    int *regions;                 /* [region_count] the outer shape's, then others in the order of the inner shapes */
-    sb_real *region_volumes;      /* [region_count] (m^3) */
-    sb_real volume;               /* (m^3) their sum */
+    int *regions;            /* [region_count] the outer shape's, then others in the order of the inner shapes */
+    sb_real *region_volumes; /* [region_count] (m^3) */
+    sb_real volume;          /* (m^3) their sum */
     sb_allocator allocator;
 } sb_grid;
 
@@ -4441,34 +4422,37 @@ SB_API void sb_grid_free(sb_grid *grid); /* NULL and {0} are fine */
 
 /* Rows for points of space or of a surface. Release with sb_grid_rows_free. */
 typedef struct sb_grid_rows {
-    sb_mapping rows;              /* eight nodes and weights each, for sb_body_add_mapping and sb_mapping_apply */
-    const int *cells;             /* [row_count] element of grid.mesh */
-    const sb_vec3 *points;        /* [row_count] (m) */
-    const sb_real *areas;         /* [row_count] (m^2) that the point stands for: of sb_grid_map_surface, else NULL */
-    const sb_vec3 *normals;       /* [row_count] unit normals of its triangle; likewise */
-    sb_real farthest;             /* (m) largest distance of a point from the cell it was put to: 0 when all are inside */
-    void *memory;                 /* behind the arrays */
+    sb_mapping rows;        /* eight nodes and weights each, for sb_body_add_mapping and sb_mapping_apply */
+    const int *cells;       /* [row_count] element of grid.mesh */
+    const sb_vec3 *points;  /* [row_count] (m) */
+    const sb_real *areas;   /* [row_count] (m^2) that the point stands for: of sb_grid_map_surface, else NULL */
+    const sb_vec3 *normals; /* [row_count] unit normals of its triangle; likewise */
+    sb_real farthest;       /* (m) largest distance of a point from the cell it was put to: 0 when all are inside */
+    void *memory;           /* behind the arrays */
     sb_allocator allocator;
 } sb_grid_rows;
 
 /* Rows of points[count] (m), in their order. A point outside all kept cells belongs to the nearest one, whose shape
  * functions go on outside: rows give back positions, and carry the force and moment of a load, exactly all the same.
- * SB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell, SB_ERROR_NOT_FINITE
- * one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4, 4.16. */
-SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
-                                    sb_grid_rows *rows, sb_error *error);
+ * SB_ERROR_ARGUMENT names (error->node) the first that is farther away than the longest edge of a cell,
+ * SB_ERROR_NOT_FINITE one that is not finite; SB_ERROR_MEMORY. *rows is untouched then. O(count). Source: eqs. 4.4,
+ * 4.16. */
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count,
+                                    const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error);
 /* Rows of integration points of triangles[count] (indices of elements; NULL: of all, count is not read) of a tri3 mesh,
- * cut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its pieces
- * with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as above, and
- * SB_ERROR_INDEX (a triangle), SB_ERROR_MESH (one without area), SB_ERROR_UNSUPPORTED (more rows than an int counts).
+ * cut finely enough for the cells: one for a triangle with edges up to half a cell, otherwise three in each of its
+ * pieces with edges up to a cell. Their areas sum to that of the triangles, and their moments are exact. Errors as
+ * above, and SB_ERROR_INDEX (a triangle), SB_ERROR_MESH (one without area), SB_ERROR_UNSUPPORTED (more rows than an int
+ * counts).
  *     Penalty displacements (eqs. 4.18-4.21): sb_body_add_mapping(body, &rows.rows, stiffness, 0, targets, ...) with
  *     stiffness[j] = kappa areas[j], kappa (Pa/m) some 10 to 100 times Young's modulus over the cell size. */
 SB_API sb_result sb_grid_map_surface(const sb_grid *grid, const sb_mesh *surface, const int *triangles, int count,
                                      const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error);
 SB_API void sb_grid_rows_free(sb_grid_rows *rows); /* NULL and {0} are fine */
 
-/* forces[nodes of the grid] (N) += what tractions[row_count] (Pa on the undeformed area), or one for all when uniform is 1,
- * exert on the nodes; hand them to sb_body_add_forces. Rows need areas; others change nothing. Source: eqs. 4.14-4.17. */
+/* forces[nodes of the grid] (N) += what tractions[row_count] (Pa on the undeformed area), or one for all when uniform
+ * is 1, exert on the nodes; hand them to sb_body_add_forces. Rows need areas; others change nothing. Source: eqs.
+ * 4.14-4.17. */
 SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tractions, int uniform, sb_vec3 *forces);
 
 #endif /* SB_GRID_H */
@@ -4487,9 +4471,9 @@ typedef struct sb_body sb_body;
 enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
-    SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
+    SB_EULER = 1,   /* implicit Euler: first order, damps; for trainers */
     SB_NEWMARK = 2, /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
-                    * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
+                     * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
     SB_GENERALISED_ALPHA = 3, /* Chung and Hulbert 1993: second order, damps what dt cannot resolve and nothing else;
                                * for large or fast motions. spectral_radius says how much */
     SB_CENTRAL_DIFFERENCE = 4 /* explicit: no linear systems, cheap substeps of at most sb_body_stable_step. Second
@@ -4498,67 +4482,67 @@ typedef enum sb_integrator {
 
 /* The material of one region of the mesh. */
 typedef struct sb_region_material {
-    int region;           /* value in mesh.regions */
+    int region; /* value in mesh.regions */
     sb_material material;
 } sb_region_material;
 
 /* What a body is made from. Start from sb_default_body_def(), set mesh and material, change what you like. */
 typedef struct sb_body_def {
-    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
-                                       * custom elements, which the body keeps */
-    const sb_domain *domain;          /* integration points of one's own (an immersed grid's) instead of those of the mesh's
-                                       * elements, or NULL (default). Its cells are the elements of mesh, in their order
-                                       * and with their nodes; several may have the same nodes. Copied; integration and
-                                       * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
-                                       * SB_ERROR_NOT_FINITE name the cell that does not fit */
-    sb_material material;             /* of every region that region_materials does not name */
+    const sb_mesh *mesh;     /* volume mesh (m); read during sb_body_create only, but for the table of
+                              * custom elements, which the body keeps */
+    const sb_domain *domain; /* integration points of one's own (an immersed grid's) instead of those of the mesh's
+                              * elements, or NULL (default). Its cells are the elements of mesh, in their order
+                              * and with their nodes; several may have the same nodes. Copied; integration and
+                              * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
+                              * SB_ERROR_NOT_FINITE name the cell that does not fit */
+    sb_material material;    /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    const sb_vec3 *fibres;            /* [element_count] direction of the fibres at rest, of any length; 0: this element
-                                       * has none. Read during sb_body_create only. A material with fibres needs it;
-                                       * default NULL */
-    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO.
-                                       * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible; all
-                                       * others do in some measure, see sb_check_report */
-    int single_rotation;              /* 1: tet10 with one rotation per element, of its mean (corotated only); default
-                                       * 0. Cheaper; forces are still the slope of an energy, so that they conserve
-                                       * momentum. Within an element strain is linear, so that it should turn by less
-                                       * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1 %
-                                       * too far with 20 elements along it (0.2 % without), 0.1 % too little with 10, 3 %
-                                       * with 5 (2 % without) */
-    sb_mass_kind mass;                /* default SB_MASS_LUMPED */
-    sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
-    sb_real spectral_radius;          /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
-                                       * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
-                                       * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
-                                       * without bound, 0.5 and less gain none */
-    int max_substeps;                 /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
-    sb_vec3 gravity;                  /* m/s^2; default 0 */
-    sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
-    sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
-                                       * sb_body_solver tells what it chose */
+    const sb_vec3 *fibres;          /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                     * has none. Read during sb_body_create only. A material with fibres needs it;
+                                     * default NULL */
+    sb_integration integration;     /* integration points per element; default SB_INTEGRATION_AUTO.
+                                     * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible; all
+                                     * others do in some measure, see sb_check_report */
+    int single_rotation;            /* 1: tet10 with one rotation per element, of its mean (corotated only); default
+                                     * 0. Cheaper; forces are still the slope of an energy, so that they conserve
+                                     * momentum. Within an element strain is linear, so that it should turn by less
+                                     * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1
+                                     * % too far with 20 elements along it (0.2 % without), 0.1 % too little with 10,
+                                     * 3 % with 5 (2 % without) */
+    sb_mass_kind mass;              /* default SB_MASS_LUMPED */
+    sb_integrator integrator;       /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;        /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                     * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
+                                     * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
+                                     * without bound, 0.5 and less gain none */
+    int max_substeps;               /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
+    sb_vec3 gravity;                /* m/s^2; default 0 */
+    sb_real damping_mass;           /* Rayleigh alpha (1/s), >= 0; default 0 */
+    sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
+    sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                     * sb_body_solver tells what it chose */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
                                        * NULL: made from the nodes' places and the materials of now (others that are set
                                        * later change the time of a solve, and its last bits) */
     int level_count;
-    sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
-                                       * choose theirs from newton_tolerance. Each connected part meets it by itself,
-                                       * however light; b has M v / dt, but parts that nothing holds keep their momentum
-                                       * to this share of the forces, however fast they are. Within a part it says
-                                       * nothing of what is soft or light there beside the rest */
-    int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
-    int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
-                                       * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
-    sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
-                                       * default 1e-6 */
-    sb_real slack;                    /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
-                                       * is in reserve, so that pointers to arrays by node stay valid while it lasts;
-                                       * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
-    sb_allocator allocator;           /* default malloc */
-    sb_jobs jobs;                     /* default inline */
-    sb_clock clock;                   /* for sb_step_info's times; default NULL */
-    unsigned cookie;                  /* set by sb_default_body_def; a def made without it is refused */
+    sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
+                               * choose theirs from newton_tolerance. Each connected part meets it by itself,
+                               * however light; b has M v / dt, but parts that nothing holds keep their momentum
+                               * to this share of the forces, however fast they are. Within a part it says
+                               * nothing of what is soft or light there beside the rest */
+    int max_iterations;       /* of a step's linear solve; bounds a frame's time; default 500 */
+    int max_newton;           /* Newton iterations per step: 1 is the linearised step of real-time work;
+                               * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
+    sb_real newton_tolerance; /* relative residual of a step with several iterations, in each connected part;
+                               * default 1e-6 */
+    sb_real slack;            /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
+                               * is in reserve, so that pointers to arrays by node stay valid while it lasts;
+                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
+    sb_allocator allocator;   /* default malloc */
+    sb_jobs jobs;             /* default inline */
+    sb_clock clock;           /* for sb_step_info's times; default NULL */
+    unsigned cookie;          /* set by sb_default_body_def; a def made without it is refused */
 } sb_body_def;
 
 SB_API sb_body_def sb_default_body_def(void);
@@ -4574,7 +4558,8 @@ SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 /* ---- sizes ---- */
 SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
-SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
+SB_API int
+sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
 
 /* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
@@ -4586,8 +4571,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body);
  * steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
  * forgets what its Prony terms remember: it counts as long relaxed in its present shape. */
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error);
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material, sb_error *error);
 /* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
  * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms
  * remember of the stress along the old directions stays and fades. */
@@ -4599,14 +4583,15 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
- * they set in space is a position (m), as for springs and needles.
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then;
+ * what they set in space is a position (m), as for springs and needles.
  *
- * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
- * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
- * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
- * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot
+ * be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are
+ * node indices; SB_ERROR_INDEX names the first that is out of range, SB_ERROR_NOT_FINITE the first without a place. May
+ * allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. Nodes of no
+ * element are always supported on all axes: they go where they are prescribed (as reference nodes of constraints),
+ * releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
 /* Holds the axes where the nodes are now. */
 SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
 /* Supports the axes; the next step takes them to positions[count] (m, in space). */
@@ -4617,8 +4602,8 @@ SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int
 /* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
  * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform);
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *displacements,
+                                   int uniform);
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -4646,17 +4631,17 @@ SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
-    sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
-                         * back; what the terms hold besides will be dissipated and is not in it */
-    sb_real kinetic;    /* J */
-    sb_real springs;    /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
-                         * have no energy of their own */
+    sb_real elastic; /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
+                      * back; what the terms hold besides will be dissipated and is not in it */
+    sb_real kinetic; /* J */
+    sb_real springs; /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
+                      * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
-/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes move
- * by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always positive
- * definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation at each
- * point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.
+/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes
+ * move by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always
+ * positive definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation
+ * at each point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and SB_ERROR_INVERTED (error->element) leave y untouched; error
  * may be NULL. */
 SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error);
@@ -4687,22 +4672,23 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
 enum {
-    SB_CHECK_SIZE = 1,           /* bounding box over 10 m or under 1 mm: units? */
-    SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
-    SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
-    SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
-    SB_CHECK_LOCKING = 16,       /* a material's Poisson's ratio above what the elements bear: they lock, which is to say
-                                  * that they are too stiff by more than the mesh makes them anyway. See below */
-    SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
-    SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
-    SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
-    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice. Not
-                                  * looked for where def.domain was given: its cells may well share their nodes */
+    SB_CHECK_SIZE = 1,          /* bounding box over 10 m or under 1 mm: units? */
+    SB_CHECK_DENSITY = 2,       /* a density outside 100 .. 10,000 kg/m^3: units? */
+    SB_CHECK_STIFFNESS = 4,     /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
+    SB_CHECK_SLIVERS = 8,       /* elements of quality under 0.1 */
+    SB_CHECK_LOCKING = 16,      /* a material's Poisson's ratio above what the elements bear: they lock, which is to say
+                                 * that they are too stiff by more than the mesh makes them anyway. See below */
+    SB_CHECK_UNREFERENCED = 32, /* nodes that belong to no element; held in place */
+    SB_CHECK_UNSUPPORTED = 64,  /* a part whose supports leave rigid motions free: no static solve */
+    SB_CHECK_COMPONENTS = 128,  /* more than one connected part */
+    SB_CHECK_DUPLICATES = 256   /* elements with the same corners as another: their mass and stiffness count twice. Not
+                                 * looked for where def.domain was given: its cells may well share their nodes */
 };
 /* Locking. Elements other than B-bar hex8 resist changes of volume at more points than a nearly incompressible material
- * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick sphere,
- * 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the limit no
- * element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose beyond.
+ * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick
+ * sphere, 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the
+ * limit no element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose
+ * beyond.
  *
  *     element         limit   0.45    0.49    0.499   0.4999
  *     tet4            0.35     9 %    27 %     44 %     48 %
@@ -4714,17 +4700,17 @@ enum {
  * Meshes that are finer, or graded towards where the load is, lose less; what is held on all sides loses more. Custom
  * elements count as hex8 when they have no nodes but corners, otherwise as hex20. */
 typedef struct sb_check_report {
-    unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
-    sb_real size;                /* diagonal of the bounding box (m) */
-    sb_real worst_quality;       /* of any element, 1 is regular */
+    unsigned warnings;     /* SB_CHECK_ bits; 0: nothing suspicious */
+    sb_real size;          /* diagonal of the bounding box (m) */
+    sb_real worst_quality; /* of any element, 1 is regular */
     int worst_element;
     int sliver_count;
     int unreferenced_count;
     int component_count;
     int duplicate_count;
-    int locking_count;           /* elements whose material is beyond the limit of their type */
-    int locking_element;         /* the first of them, or -1 */
-    sb_real locking_limit;       /* Poisson's ratio above which elements of this type lock, see above; 0.5: they do not */
+    int locking_count;     /* elements whose material is beyond the limit of their type */
+    int locking_element;   /* the first of them, or -1 */
+    sb_real locking_limit; /* Poisson's ratio above which elements of this type lock, see above; 0.5: they do not */
     int unsupported_component_node; /* a node of the first unsupported part, or -1 */
 } sb_check_report;
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);
@@ -4742,11 +4728,11 @@ SB_API const char *sb_check_string(unsigned warning);
  *     ... remove the cells of the edge, add their halves ...
  *     if (sb_body_change_commit(change, &error)) sb_body_change_cancel(change);
  *
- * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed last
- * is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
+ * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed
+ * last is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
  * sb_body_element_count count slots, free ones among them (sb_body_node_in_use, sb_body_cell_in_use): arrays by node
- * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and no
- * stress.
+ * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and
+ * no stress.
  *
  * What a change does to what is there:
  * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources, and so has a node that
@@ -4762,25 +4748,27 @@ SB_API const char *sb_check_string(unsigned warning);
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
- * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
- *   removed cell becomes the same material point of the cell made there. Points in space stay.
- * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
+ * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
+ *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
+ *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
  *   are wrong.
- * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are made
- *   anew.
+ * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are
+ *   made anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
- * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
- * the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again; both depend
- * on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh. Everything is
- * made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
- * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
- * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
- * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
+ * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there
+ * from the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again;
+ * both depend on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh.
+ * Everything is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow,
+ * elements are not tet4, there are constraints or mappings that couple beyond cells, the preconditioner is
+ * SB_PRECOND_FSAI, CHOLESKY or MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on
+ * what changes. The bits are the same either way. Consistent masses cost a pass over all cells, Prony terms one over
+ * their memory.
  *
- * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
- * as much again, and they have to be asked for anew. */
+ * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
+ * half as much again, and they have to be asked for anew. */
 #ifndef SB_LIVE_MESH_H
 #define SB_LIVE_MESH_H
 
@@ -4794,17 +4782,18 @@ enum {
 
 /* A cell to be made. Start from sb_default_change_cell(). */
 typedef struct sb_change_cell {
-    const int *nodes;     /* as many as the body's elements have, in their order; read during the call */
-    int parent;           /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
-    int region;           /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
+    const int *nodes; /* as many as the body's elements have, in their order; read during the call */
+    int parent; /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
+    int region; /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
     const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
-    sb_real share;        /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
-                           * stiffness and mass are its share of the whole cell's */
+    sb_real share; /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
+                    * stiffness and mass are its share of the whole cell's */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
-/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the change as it was before
- * them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is open. SB_ERROR_MEMORY. */
+/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the
+ * change as it was before them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is
+ * open. SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error);
 
 /* Makes a node at a place of the reference shape (m); *node is its number.
@@ -4815,9 +4804,9 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
 /* Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node
  * counts.
- * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so that
- *                   the body's motion stays where it was while the node slides through it. count 0: the node keeps the
- *                   motion it has, a made one that of its sources
+ * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so
+ *                   that the body's motion stays where it was while the node slides through it. count 0: the node keeps
+ *                   the motion it has, a made one that of its sources
  * Errors as of sb_body_change_add_node. */
 SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
                                           const sb_real *weights, int count, sb_error *error);
@@ -4836,8 +4825,9 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
 /* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
- * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would lose
- * its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what a listener says. */
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
+ * a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 
@@ -4897,8 +4887,8 @@ SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error);
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
+                                      sb_error *error);
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
@@ -4928,16 +4918,17 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
 /* Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with
  * stiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1.
  * SB_ERROR_INDEX: a node out of range or of no element. */
-SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
-                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *points, int *load_id, sb_error *error);
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
 
 /* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
  * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
  * common element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with
- * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range, or
- * one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node. Source: Robin condition through a mapping. */
+ * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range,
+ * or one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node.
+ * Source: Robin condition through a mapping. */
 SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
                                      const sb_vec3 *targets, int *load_id, sb_error *error);
 SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets);
@@ -4992,18 +4983,18 @@ typedef enum sb_embedding_hold {
 } sb_embedding_hold;
 
 typedef struct sb_embedding_def {
-    const sb_mesh *mesh;        /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
-                                 * creation only */
-    const sb_vec3 *points;      /* [point_count] points at rest (m); NULL: the nodes of surface */
+    const sb_mesh *mesh;   /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
+                            * creation only */
+    const sb_vec3 *points; /* [point_count] points at rest (m); NULL: the nodes of surface */
     int point_count;
-    const sb_mesh *surface;     /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
-    const sb_vec3 *normals;     /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
-                                 * instead of being made from the surface */
-    sb_embedding_kind kind;     /* SB_EMBED_SMOOTH */
-    sb_real max_distance;       /* m; a point farther outside is refused. SB_REAL_MAX: none is */
-    sb_allocator allocator;     /* zeros: malloc */
-    sb_jobs jobs;               /* threads for the creation; zeros: none */
-    unsigned cookie;            /* set by sb_default_embedding_def */
+    const sb_mesh *surface; /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
+    const sb_vec3 *normals; /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
+                             * instead of being made from the surface */
+    sb_embedding_kind kind; /* SB_EMBED_SMOOTH */
+    sb_real max_distance;   /* m; a point farther outside is refused. SB_REAL_MAX: none is */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by sb_default_embedding_def */
 } sb_embedding_def;
 SB_API sb_embedding_def sb_default_embedding_def(void);
 
@@ -5018,18 +5009,18 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
- * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
- * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
- * (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it (sb_embedding_follow).
- * Normals are
+ * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of
+ * sb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the
+ * body's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it
+ * (sb_embedding_follow). Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state was
- * loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads; one
- * call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state
+ * was loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;
+ * one call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 
@@ -5057,8 +5048,8 @@ typedef struct sb_embedded_point {
     sb_real xi[3];    /* where it is in the element; for points outside their foot or closest point there */
     sb_real distance; /* from there (m); 0 inside */
     sb_real step[3];  /* point = x(xi) + dx/dxi step: its offset in the parameters of the element; 0 inside */
-    int lost;         /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
-                       * the cell that it was in, or moved the surface past it */
+    int lost; /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
+               * the cell that it was in, or moved the surface past it */
 } sb_embedded_point;
 /* SB_ERROR_INDEX for no such point; *point is then untouched. */
 SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point);
@@ -5109,8 +5100,9 @@ SB_API void sb_embedding_rows_free(sb_embedding_rows *rows); /* {0} and NULL are
  * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
  * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
  * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
- * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's),
- * SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was. */
+ * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the
+ * body's), SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it
+ * as it was. */
 SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
 /* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
@@ -5132,7 +5124,7 @@ SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);
 /* coefficient * (displacement of the node along the axis). */
 typedef struct sb_constraint_term {
     int node;
-    int axis;             /* 0 x, 1 y, 2 z */
+    int axis; /* 0 x, 1 y, 2 z */
     sb_real coefficient;
 } sb_constraint_term;
 
@@ -5145,8 +5137,9 @@ typedef struct sb_constraint_term {
  * A gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load
  * increments in a static solve. A slave's velocity becomes that of its masters.
  * Errors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, as
- * nodes of no element always are, the slave of another constraint, among its own masters, or in a circle of constraints; node and axis named),
- * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples them all: m^2 matrix blocks. */
+ * nodes of no element always are, the slave of another constraint, among its own masters, or in a circle of
+ * constraints; node and axis named), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples
+ * them all: m^2 matrix blocks. */
 SB_API sb_result sb_body_add_constraint(sb_body *body, const sb_constraint_term *terms, int count, sb_real value,
                                         int *id, sb_error *error);
 /* Adds `count` constraints at once, all or none: constraint c has the next term_counts[c] of `terms` and values[c]
@@ -5177,12 +5170,12 @@ enum {
 
 /* What a call of sb_body_tie_faces tied. Its constraints are first_constraint .. + constraint_count - 1. */
 typedef struct sb_tie_report {
-    int tied_count;        /* slave nodes tied */
-    int free_count;        /* slave nodes left free: too far from all faces */
-    int farthest_node;     /* the farthest of them, or -1 */
-    int supported_count;   /* slave nodes with supported axes; those axes are left to their supports (nodes of no
-                            * element count here: none of their axes is tied) */
-    sb_real largest_gap;   /* of the nodes tied (m) */
+    int tied_count;      /* slave nodes tied */
+    int free_count;      /* slave nodes left free: too far from all faces */
+    int farthest_node;   /* the farthest of them, or -1 */
+    int supported_count; /* slave nodes with supported axes; those axes are left to their supports (nodes of no
+                          * element count here: none of their axes is tied) */
+    sb_real largest_gap; /* of the nodes tied (m) */
     int first_constraint, constraint_count;
 } sb_tie_report;
 
@@ -5202,9 +5195,9 @@ typedef struct sb_tie_report {
  * of 0.
  * Errors, with nothing changed: those of sb_body_add_constraint; SB_ERROR_ARGUMENT names the first face that no
  * element has, or a node of both sides. Time O(slaves * faces), cheap each; memory during the call. */
-SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
-                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
-                                   sb_tie_report *report, sb_error *error);
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners, const int *slave_nodes,
+                                   int slave_count, sb_real max_distance, int options, sb_tie_report *report,
+                                   sb_error *error);
 
 
 #endif /* SB_CONSTRAINT_H */
@@ -5217,21 +5210,21 @@ SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_cou
 
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
 typedef struct sb_step_info {
-    int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
-    int pcg_iterations;       /* of all of them together */
-    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
-    int load_steps;           /* static: load increments that converged; a time step: 1 */
-    sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
-    sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
-                               * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
-                               * that where it is largest */
-    int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
-    double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
-    double seconds_tangent;   /* assembly, */
-    double seconds_precond;   /* preconditioner set-up, */
-    double seconds_solve;     /* conjugate gradients, */
-    double seconds_total;     /* and the whole call */
-    sb_error error;           /* result, message, element or node when the call failed */
+    int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
+    int pcg_iterations;     /* of all of them together */
+    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
+    int load_steps;         /* static: load increments that converged; a time step: 1 */
+    sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
+    sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised
+                             * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
+                             * that where it is largest */
+    int capped;             /* 1: an iteration cap was hit and the best state so far was taken */
+    double seconds_force;   /* with a clock, otherwise 0: rotations and internal forces, */
+    double seconds_tangent; /* assembly, */
+    double seconds_precond; /* preconditioner set-up, */
+    double seconds_solve;   /* conjugate gradients, */
+    double seconds_total;   /* and the whole call */
+    sb_error error;         /* result, message, element or node when the call failed */
 } sb_step_info;
 
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
@@ -5280,23 +5273,23 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 
 /* How a static solve goes about its work. Start from sb_default_static_options(). */
 typedef struct sb_static_options {
-    int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
-                               * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
-                               * default 1e-6; what is below 64 epsilon counts as that */
-    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
-                               * rotation per element converge linearly and take at least 300 */
-    int max_iterations;       /* of each linear solve, >= 1; default 20000 */
-    int quasi_newton;         /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
-                               * corotated tets several times cheaper to assemble, but convergence is linear, which
-                               * pays where the tolerance is loose; default 0 */
-    int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
-                               * returns to where it was */
-    int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
-                               * (default): the one long after */
+    int load_steps;     /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
+                         * default 1 */
+    sb_real tolerance;  /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
+                         * default 1e-6; what is below 64 epsilon counts as that */
+    int max_newton;     /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
+                         * rotation per element converge linearly and take at least 300 */
+    int max_iterations; /* of each linear solve, >= 1; default 20000 */
+    int quasi_newton;   /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
+                         * corotated tets several times cheaper to assemble, but convergence is linear, which
+                         * pays where the tolerance is loose; default 0 */
+    int keep_progress;  /* 1: on failure the body stays at the last converged increment; 0 (default): it
+                         * returns to where it was */
+    int instantaneous;  /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
+                         * (default): the one long after */
     void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
     void *progress_user;
-    unsigned cookie;          /* set by sb_default_static_options */
+    unsigned cookie; /* set by sb_default_static_options */
 } sb_static_options;
 
 SB_API sb_static_options sb_default_static_options(void);
@@ -5322,25 +5315,25 @@ SB_API sb_result sb_body_solve_static(sb_body *body, const sb_static_options *op
 
 /* How modes are looked for. Start from sb_default_modes_options(). */
 typedef struct sb_modes_options {
-    sb_mass_kind mass;        /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
-    int at_present;           /* 0 (default): small motions about the undeformed shape without stress; 1: about the
-                               * present shape with its exact tangent, stresses included */
-    sb_real tolerance;        /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
-                               * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
-                               * counts as that */
-    int max_iterations;       /* times the space that is searched may grow, >= 1; default 100 */
-    unsigned cookie;          /* set by sb_default_modes_options */
+    sb_mass_kind mass;  /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
+    int at_present;     /* 0 (default): small motions about the undeformed shape without stress; 1: about the
+                         * present shape with its exact tangent, stresses included */
+    sb_real tolerance;  /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
+                         * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
+                         * counts as that */
+    int max_iterations; /* times the space that is searched may grow, >= 1; default 100 */
+    unsigned cookie;    /* set by sb_default_modes_options */
 } sb_modes_options;
 
 SB_API sb_modes_options sb_default_modes_options(void);
 
 /* What a search did; written on success and on SB_ERROR_NOT_CONVERGED. */
 typedef struct sb_modes_info {
-    int iterations;           /* times the space grew */
-    int solves;               /* linear systems */
-    int pcg_iterations;       /* of all of them together */
-    sb_real residual;         /* the largest of any mode, as the tolerance measures it */
-    double seconds;           /* with the body's clock, otherwise 0 */
+    int iterations;     /* times the space grew */
+    int solves;         /* linear systems */
+    int pcg_iterations; /* of all of them together */
+    sb_real residual;   /* the largest of any mode, as the tolerance measures it */
+    double seconds;     /* with the body's clock, otherwise 0 */
 } sb_modes_info;
 
 /* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints
@@ -5374,8 +5367,8 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 /* A saved state holds all that steps and setters change: motion, supports, loads of every kind, constraints, materials,
  * fibres and what Prony terms remember, settings, reactions and the solvers' warm starts. What follows a load is what
  * followed the save, bit for bit, also in another body, process or machine. Loads and constraints come back with the
- * numbers they had, those added since go, those removed since return. Needles and remeshers of a body (needle.h) are saved
- * with it. Only of a body with slack it holds the mesh, as changes have left it; otherwise a state is loaded into
+ * numbers they had, those added since go, those removed since return. Needles and remeshers of a body (needle.h) are
+ * saved with it. Only of a body with slack it holds the mesh, as changes have left it; otherwise a state is loaded into
  * a body that was made from the same mesh (and the same table of custom elements) with the same integration, mass,
  * preconditioner and single_rotation, in the same precision; with multigrid also from materials whose stiffness jumps
  * at the same places by the same factors, else what follows differs within the tolerance of the solves.
@@ -5429,11 +5422,11 @@ SB_API uint64_t sb_body_state_hash(const sb_body *body);
 typedef struct sb_recording sb_recording;
 
 typedef struct sb_recording_info {
-    int commands;    /* calls recorded, steps included */
-    int steps;       /* steps and static solves among them */
-    int complete;    /* 0: memory ran short, and what came after that is missing */
-    int recording;   /* 1: still listening to a body */
-    size_t bytes;    /* what sb_recording_save writes */
+    int commands;  /* calls recorded, steps included */
+    int steps;     /* steps and static solves among them */
+    int complete;  /* 0: memory ran short, and what came after that is missing */
+    int recording; /* 1: still listening to a body */
+    size_t bytes;  /* what sb_recording_save writes */
 } sb_recording_info;
 
 /* Begins to record a body, from its present state. One recording per body at a time.
@@ -5466,15 +5459,15 @@ SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *al
 
 /* How far a replay came, and where it left the recording's way. Every field is written by every call. */
 typedef struct sb_recording_report {
-    int commands, steps;         /* that were played and agreed */
-    int step;                    /* the first that differed, from 0; -1: none did */
-    sb_result expected, actual;  /* result of that step in the recording and now */
+    int commands, steps;                 /* that were played and agreed */
+    int step;                            /* the first that differed, from 0; -1: none did */
+    sb_result expected, actual;          /* result of that step in the recording and now */
     uint64_t expected_hash, actual_hash; /* of the state after it */
-    int first_node, last_node;   /* the first displacement that differs is among these: one node where the recording has
-                                  * positions, else a sixteenth of the nodes; -1: none differs, but something else of
-                                  * the state does (velocities, warm starts ...) */
-    sb_real distance;            /* how far apart they are there (m); -1 where the recording has no positions */
-    sb_error error;              /* why the call failed */
+    int first_node, last_node; /* the first displacement that differs is among these: one node where the recording has
+                                * positions, else a sixteenth of the nodes; -1: none differs, but something else of
+                                * the state does (velocities, warm starts ...) */
+    sb_real distance;          /* how far apart they are there (m); -1 where the recording has no positions */
+    sb_error error;            /* why the call failed */
 } sb_recording_report;
 
 /* Plays a recording on a body made from the same mesh with the same kinds of elements, mass and preconditioner (what
@@ -5597,8 +5590,7 @@ SB_INLINE int sbi_element_face_count(sbi_element element)
 }
 SBI_API int sbi_element_edge_count(sbi_element element);
 SBI_API const char *sbi_element_name(sbi_element element);
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type);
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
 SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
 SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
@@ -5620,8 +5612,8 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 /* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
 SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator);
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count, int with_regions,
+                              const sb_allocator *allocator);
 /* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
 typedef enum sbi_mesh_part {
     SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */
@@ -5732,13 +5724,11 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 
 /* ==== src/softbody/solve/sparse.h, internal ==== */
 /* y_i = (A x)_i for the rows first <= i < last. */
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
-                                      int last);
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last);
 /* sb_matrix_diagonal_scale, and sb_matrix_constrain with the mean that it needs, on all threads. */
 SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,
@@ -5777,10 +5767,10 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 /* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
 typedef struct sbi_tet_rule {
-    int count;                                   /* points of the mass */
+    int count; /* points of the mass */
     sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
-    sb_real slopes[4][3];                        /* local gradients, the same at all points */
-    sb_real volume;                              /* weight of the one point of the stiffness */
+    sb_real slopes[4][3]; /* local gradients, the same at all points */
+    sb_real volume;       /* weight of the one point of the stiffness */
 } sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
@@ -5794,8 +5784,8 @@ SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
- * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
- * have had less, else 0. */
+ * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one
+ * would have had less, else 0. */
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                     sb_real *mass, sb_real *volume_load);
 SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule);
@@ -5832,8 +5822,8 @@ typedef struct sbi_multigrid_setup {
     const sb_real *moduli;            /* [block_count] (Pa) as in sb_preconditioner_def, or NULL */
     const sb_multigrid_level *levels; /* [level_count] from fine to coarse; more are made below the last */
     int level_count;
-    const sbi_multigrid *like;        /* take the user's levels, the regions and Poisson's ratio from here
-                                       * instead, or NULL */
+    const sbi_multigrid *like; /* take the user's levels, the regions and Poisson's ratio from here
+                                * instead, or NULL */
     sb_jobs jobs;
 } sbi_multigrid_setup;
 
@@ -5877,8 +5867,7 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
                                          sb_real *spare);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                     double size);
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
  * nothing milder. */
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
@@ -5887,11 +5876,11 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
-/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi, SSOR,
- * IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
+ * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
-/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again, from
- * the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
+/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
+ * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
 /* Does so now, if that is still to be done. */
 SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);
@@ -5915,52 +5904,54 @@ SBI_API int sbi_precond_is_memory(sbi_precond_memory memory);
 
 /* ==== src/softbody/solve/guest.h, internal ==== */
 
-/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the start
- * of the step, with
+/* The step that is solved: what a guest needs to write its rows. Forces balance where a node has moved by d since the
+ * start of the step, with
  *     v = velocity_factor d + velocity0,  a = acceleration_factor d + acceleration0,
  * which at supports is their own motion. What a guest has a mass for moves by the same rule, of its velocity v_n and
  * acceleration a_n at the start:
  *     velocity0 = known_velocity[0] v_n + known_velocity[1] a_n,
  *     acceleration0 = known_acceleration[0] v_n + known_acceleration[1] a_n.
- * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) / inertia_level. */
+ * At the end of the step d is then d / level, v is v_n + (v - v_n) / level, and a is a_n + (a - a_n) /
+ * inertia_level. */
 typedef struct sbi_guest_step {
-    const sb_matrix *matrix;     /* A, supports in it (matrix->fixed); constraints are condensed in it */
-    const sb_vec3 *displacement; /* [row_count] at the start of the step (m) */
-    const sb_vec3 *velocity;     /* [row_count] at the start (m/s) */
-    const sb_vec3 *acceleration; /* [row_count] at the start (m/s^2) */
+    const sb_matrix *matrix;                  /* A, supports in it (matrix->fixed); constraints are condensed in it */
+    const sb_vec3 *displacement;              /* [row_count] at the start of the step (m) */
+    const sb_vec3 *velocity;                  /* [row_count] at the start (m/s) */
+    const sb_vec3 *acceleration;              /* [row_count] at the start (m/s^2) */
     const sb_vec3 *velocity0, *acceleration0; /* [row_count] (m/s, m/s^2) see above */
-    const sb_vec3 *present;      /* [row_count] displacement that A is the tangent at (m) */
-    int iteration;               /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
-    int starts;                  /* 1: no step yet, but the accelerations that the first one starts from, which are
-                                  * acceleration_factor times the solution; `undo` follows, no `commit` */
-    double dt;                   /* s; 0: static */
-    double velocity_factor;      /* 1/s */
-    double acceleration_factor;  /* 1/s^2 */
+    const sb_vec3 *present;                   /* [row_count] displacement that A is the tangent at (m) */
+    int iteration;                /* of Newton: 0 as long as nothing has moved, otherwise states that were found stay */
+    int starts;                   /* 1: no step yet, but the accelerations that the first one starts from, which are
+                                   * acceleration_factor times the solution; `undo` follows, no `commit` */
+    double dt;                    /* s; 0: static */
+    double velocity_factor;       /* 1/s */
+    double acceleration_factor;   /* 1/s^2 */
     double known_velocity[2];     /* 1, s */
     double known_acceleration[2]; /* 1/s, 1 */
-    double level;                /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
-    double inertia_level;        /* the same of inertia: 1 - alpha_m, else 1 */
+    double level;         /* share of the step after which forces balance: 1 - alpha_f of generalised alpha, else 1 */
+    double inertia_level; /* the same of inertia: 1 - alpha_m, else 1 */
 } sbi_guest_step;
 
 typedef struct sbi_guest {
     void *user;
-    int unknown_count;  /* reals of its own, >= 0 */
-    double *unknown;    /* [unknown_count] in: the start; out: the solution */
-    int node_count;     /* nodes that its forces act on, >= 0 */
-    const int *nodes;   /* [node_count] rows of the matrix, each once */
-    int taken_count;    /* the first so many of `nodes` have their equations solved in its block; no two guests take one */
+    int unknown_count; /* reals of its own, >= 0 */
+    double *unknown;   /* [unknown_count] in: the start; out: the solution */
+    int node_count;    /* nodes that its forces act on, >= 0 */
+    const int *nodes;  /* [node_count] rows of the matrix, each once */
+    int taken_count; /* the first so many of `nodes` have their equations solved in its block; no two guests take one */
 
     /* x and y are [unknown_count + 3 node_count] */
-    void (*residual)(void *user, const double *x, double *y);     /* y = its loads - G x */
-    void (*multiply)(void *user, const double *x, double *y);     /* y = G x; symmetric, A + G positive definite */
-    /* [unknown_count + 3 taken_count]: z = (G + A)^-1 r of these rows alone, or what is near: symmetric, positive definite.
-     * NULL: it has no rows of its own */
+    void (*residual)(void *user, const double *x, double *y); /* y = its loads - G x */
+    void (*multiply)(void *user, const double *x, double *y); /* y = G x; symmetric, A + G positive definite */
+    /* [unknown_count + 3 taken_count]: z = (G + A)^-1 r of these rows alone, or what is near: symmetric, positive
+     * definite. NULL: it has no rows of its own */
     void (*precondition)(void *user, const double *r, double *z);
 
     /* optional */
-    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may set
-     * `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error undoes
-     * the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a better one. */
+    /* After each tangent is made, before it is solved with: takes what it needs of the step and factors its block; may
+     * set `unknown`, which is a first guess in iteration 0 and what was found so far later. What it returns as an error
+     * undoes the step. SB_ERROR_INDEFINITE: where the tangent was not positive definite it is called again with a
+     * better one. */
     sb_result (*begin)(void *user, const sbi_guest_step *step, sb_error *error);
     /* After a solve, x the solution: 0 when it stands, 1 when the guest has changed its rows (a friction state) and the
      * solve must go on. */
@@ -5981,15 +5972,15 @@ typedef struct sbi_guests {
 
 typedef struct sbi_guest_work {
     const sbi_guest *guest;
-    int part;             /* of the matrix, or of its own, that its equations belong to */
-    int done;             /* 1: nothing is to be done in this round */
-    size_t size, width;   /* unknowns and taken components; unknowns and all components */
+    int part;                                        /* of the matrix, or of its own, that its equations belong to */
+    int done;                                        /* 1: nothing is to be done in this round */
+    size_t size, width;                              /* unknowns and taken components; unknowns and all components */
     double *residual, *block, *correction, *product; /* [size]; block: its own block's solution for the residual */
     double *search, *start;                          /* [unknown_count] */
     double *in, *out;                                /* [width] */
     double *base;   /* [width] what a solve starts from: nodes' increments are added to it, unknowns have it in them */
     double *first;  /* [unknown_count] as they were given to the step */
-    double sums[2];       /* its share of the sums at work */
+    double sums[2]; /* its share of the sums at work */
 } sbi_guest_work;
 
 /* Equations of taken nodes live in the residuals and products of their guests: those of the nodes are 0 there. So the
@@ -6009,8 +6000,8 @@ typedef struct sbi_guest_space {
 
 /* 1: the counts can be those of guests of so many rows. */
 SBI_API int sbi_guests_have_sizes(const sbi_guests *guests, int rows);
-/* SB_ERROR_INDEX (a node outside, or twice in a guest, or taken twice: error->node) or SB_ERROR_ARGUMENT. marks[rows] is
- * for scratch. */
+/* SB_ERROR_INDEX (a node outside, or twice in a guest, or taken twice: error->node) or SB_ERROR_ARGUMENT. marks[rows]
+ * is for scratch. */
 SBI_API sb_result sbi_guests_check(const sbi_guests *guests, int rows, int *marks, sb_error *error);
 /* Hands out the arrays of a space; see sbi_arena. */
 SBI_API void sbi_guest_space_layout(sbi_guest_space *space, const sbi_guests *guests, const sb_matrix *matrix,
@@ -6023,26 +6014,27 @@ SBI_API void sbi_guest_restore_taken(sbi_guest_space *space, sb_matrix *matrix);
 
 /* Prescribed components of their nodes are made to meet their equations. */
 SBI_API void sbi_guest_hold(sbi_guest_space *space, const sb_real *rhs, sb_real *x);
-/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are those of
- * `held` (NULL: 0, too). */
+/* r += loads - G (base + x), and takes what is theirs out of r. x NULL: 0, but for prescribed components, which are
+ * those of `held` (NULL: 0, too). */
 SBI_API void sbi_guest_residual(sbi_guest_space *space, const sb_real *x, const sb_real *held, sb_real *r);
 /* q += G p, and takes what is theirs; sums[0] = p.Gp. */
 SBI_API void sbi_guest_multiply(sbi_guest_space *space, const sb_real *p, sb_real *q);
-/* block = that of the residual; sums[0] = residual.block in the units of |r|^2: the force on the mean node that would do as
- * much work. */
+/* block = that of the residual; sums[0] = residual.block in the units of |r|^2: the force on the mean node that would
+ * do as much work. */
 SBI_API void sbi_guest_measure(sbi_guest_space *space);
 /* x, unknowns += block, and r, residuals -= A + G times that. x, unknowns stay when x is NULL. v [row_count][3] is for
  * scratch. */
 SBI_API void sbi_guest_guess(sbi_guest_space *space, sb_real *x, sb_real *r, sb_real *v);
-/* The unknowns as they were given: kept, and put back. Then: unknowns += factor search, residual -= factor product, of one */
+/* The unknowns as they were given: kept, and put back. Then: unknowns += factor search, residual -= factor product, of
+ * one */
 SBI_API void sbi_guest_keep_start(sbi_guest_work *work);
 SBI_API void sbi_guest_go_back(sbi_guest_work *work);
 SBI_API void sbi_guest_advance(sbi_guest_work *work, double factor);
 /* search = correction + factor search (fresh: correction) */
 SBI_API void sbi_guest_direct(sbi_guest_work *work, double factor, int fresh);
 /* z, correction = M^-1 of r, residual, M symmetric and positive definite. size: as of sbi_precond_apply. */
-SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                    double size);
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
+                                    sb_real *z, double size);
 /* sums = residual.correction, product.correction (fresh: 0) */
 SBI_API void sbi_guest_dots(sbi_guest_work *work, int fresh);
 /* sum += residuals of its taken nodes */
@@ -6051,8 +6043,8 @@ SBI_API void sbi_guest_add_taken(const sbi_guest_work *work, double sum[3]);
 SBI_API int sbi_guest_settle(sbi_guest_space *space, const sb_real *x);
 
 /* ---- for steps of several solves ---- */
-/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along prescribed
- * components. Unknowns are then those of the base. */
+/* The base moves by a share of the solution x: by `share` along free components and unknowns, by `held` along
+ * prescribed components. Unknowns are then those of the base. */
 SBI_API void sbi_guest_move_base(sbi_guest_space *space, const sb_real *x, double share, double held);
 /* A guest's forces at the base, in out. */
 SBI_API void sbi_guest_force(sbi_guest_work *work);
@@ -6060,23 +6052,23 @@ SBI_API void sbi_guest_force(sbi_guest_work *work);
 SBI_API void sbi_guest_line(sbi_guest_space *space, const sb_real *x, double *linear, double *quadratic);
 
 /* ==== src/softbody/solve/pcg.h, internal ==== */
-/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
- * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
- * look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of the
- * residual there must be no more than tolerance times that of the magnitudes at the start x. */
+/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
+ * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs
+ * no look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of
+ * the residual there must be no more than tolerance times that of the magnitudes at the start x. */
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
 
-/* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be called
- * whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT, SB_ERROR_INDEX
- * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
+/* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be
+ * called whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT,
+ * SB_ERROR_INDEX (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
-/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix that
- * grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
-SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
-                                             int nodes, sb_error *error);
+/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix
+ * that grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows,
+                                             int unknowns, int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
@@ -6086,15 +6078,15 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
                                                 const sb_vec3 *positions, const sbi_guests *guests,
                                                 sb_pcg_workspace *workspace, sb_error *error);
 /* Solves (A + G) x = b as sbi_pcg_solve_current does, with guests that space was reserved for and a preconditioner of
- * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
- * after the other, so that bits do not depend on threads. Allocates nothing.
- * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
- * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
- * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
- * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
- * SB_ERROR_DIVERGED: unknowns of guests are those of the start, too. A matrix in 32 bits that multigrid has is not used
- * when nodes are taken, since it is without them. */
+ * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread,
+ * one after the other, so that bits do not depend on threads. Allocates nothing.
+ * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when
+ * the guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that
+ * loads on what is stiff in itself do not count; and their rows count by the motion they stand for (sqrt of residual .
+ * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
+ * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
+ * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
                                        sb_pcg_workspace *workspace, sb_pcg_info *info);
@@ -6170,7 +6162,8 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
                                       sb_error *error);
 
 /* ==== src/softbody/base/lanes.h ==== */
-/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0, internal.
+/* lanes: four reals as one vector where compiler and processor have them (doubles without AVX do not). Floor 0,
+ * internal.
  *
  * Memory is read at any alignment. Code with SBI_HAS_LANES has a plain form beside it that gives the same bits;
  * SB_NO_VECTORS asks for that one. */
@@ -6180,8 +6173,7 @@ SBI_API sb_result sbi_image_read_file(const sb_allocator *allocator, const char 
 
 #if defined(__GNUC__) && !defined(SB_NO_VECTORS) && (defined(__AVX__) || SB_REAL_IS_FLOAT)
 #define SBI_HAS_LANES 1
-typedef sb_real sbi_lanes
-    __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
+typedef sb_real sbi_lanes __attribute__((vector_size(4 * sizeof(sb_real)), aligned(sizeof(sb_real)), may_alias));
 #define SBI_LANES_AT(pointer) (*(const sbi_lanes *)(const void *)(pointer))
 #define SBI_LANES_PUT(pointer, value) (*(sbi_lanes *)(void *)(pointer) = (value))
 #else
@@ -6369,7 +6361,7 @@ static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
  * milliseconds or more while no task is left for it. The caller cannot leave without it, so it counts what such loops
  * lose against doing all tasks alone, and where they lose, works alone for several times as long before it tries again.
  * On a machine with nothing else to do no loop loses; on any other the losses stay a small share. */
-enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
+enum { SBI_OPENMP_RANGES = 64 };             /* and threads at most */
 static const double sbi_openmp_alone = 10;   /* seconds of work alone for each second lost */
 static const double sbi_openmp_slice = 1e-3; /* s, shorter than what a system lets one process run before the next */
 static const double sbi_openmp_longest = 1;  /* s of work alone at most, unless one loss was worth more */
@@ -6424,9 +6416,9 @@ static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task,
 }
 #endif
 
-/* Does the tasks on all threads. Returns the seconds lost against doing them alone; gains are negative. There are as many
- * threads however few tasks there are: a runtime ends those that one loop does not need, and starts them anew for the
- * next. */
+/* Does the tasks on all threads. Returns the seconds lost against doing them alone; gains are negative. There are as
+ * many threads however few tasks there are: a runtime ends those that one loop does not need, and starts them anew for
+ * the next. */
 static double sbi_openmp_share(int threads, sb_task task, void *task_user, int count)
 {
     sbi_openmp_range ranges[SBI_OPENMP_RANGES];
@@ -6443,7 +6435,8 @@ static double sbi_openmp_share(int threads, sb_task task, void *task_user, int c
         ranges[omp_get_thread_num()].busy = omp_get_wtime() - begun;
     }
     alone = ranges[0].busy;
-    most = 4 * ranges[0].busy + sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
+    most = 4 * ranges[0].busy +
+           sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
     for (int k = 1; k < threads; k++)
         alone += ranges[k].busy < most ? ranges[k].busy : most;
     return omp_get_wtime() - started - alone;
@@ -6604,7 +6597,7 @@ typedef enum sbi_output_kind {
 #if defined(__cplusplus)
 extern "C"
 #endif
-__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
+    __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
 
 static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
 {
@@ -6773,8 +6766,8 @@ static FILE *sbi_output_make_beside(sb_output *out)
 
 /* ---- writing ---- */
 
-/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any other
- * through a file beside it. */
+/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any
+ * other through a file beside it. */
 static FILE *sbi_output_open_target(sb_output *out, const char **why)
 {
     unsigned mode;
@@ -7026,8 +7019,7 @@ static sb_element_type sbi_element_face_type(sb_element_type type)
     }
 }
 
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type)
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     if (!nodes)
         return 0;
@@ -7109,8 +7101,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
 
 /* Simplex of `dimension` in barycentric coordinates L: N_a = L_a, or with mid-edge nodes N_a = L_a (2 L_a -
  * 1) and N_pq = 4 L_p L_q. dL_0 = (-1, -1, -1), dL_k = unit vector k - 1. */
-static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                                      sb_real (*gradient)[3])
+static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type);
     sb_real bary[4] = {1, 0, 0, 0}, slope[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
@@ -7212,8 +7203,7 @@ static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi
         gradient[a][2] = 0;
 }
 
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3])
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     if (!xi)
         return;
@@ -7271,20 +7261,16 @@ static void sbi_element_rule_tet_edges(sbi_element_rule *rule, double c, double 
 static void sbi_element_rule_triangle(sbi_element_rule *rule, double a, double weight)
 {
     for (int corner = 0; corner < 3; corner++)
-        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a),
-                             (sb_real)(corner == 2 ? 1 - 2 * a : a), 0, (sb_real)(weight / 2));
+        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a), (sb_real)(corner == 2 ? 1 - 2 * a : a), 0,
+                             (sb_real)(weight / 2));
 }
 
 /* Tet rules of degree 1, 2, 3 and 5 with 1, 4, 8 and 14 points (the last is Walkington's). */
 static void sbi_element_rule_tet(sbi_element_rule *rule, int count)
 {
     switch (count) {
-    case 1:
-        sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6));
-        break;
-    case 4: /* a = (5 - sqrt(5)) / 20 */
-        sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25);
-        break;
+    case 1: sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6)); break;
+    case 4: /* a = (5 - sqrt(5)) / 20 */ sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25); break;
     case 8: /* corners and face centroids: all weights positive */
         sbi_element_rule_tet_corners(rule, 0, 1.0 / 40);
         sbi_element_rule_tet_corners(rule, 1.0 / 3, 9.0 / 40);
@@ -7302,8 +7288,7 @@ static void sbi_element_rule_box(sbi_element_rule *rule, int dimension)
 {
     const sb_real g = (sb_real)0.57735026918962576451;
     for (int i = 0; i < (1 << dimension); i++)
-        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g,
-                             dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
+        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g, dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
 }
 
 /* Gauss points -sqrt(3/5), 0, sqrt(3/5) per direction, xi fastest: degree 5. */
@@ -7315,8 +7300,7 @@ static void sbi_element_rule_box3(sbi_element_rule *rule, int dimension)
         int x = i % 3, y = i / 3 % 3, z = i / 9;
         double third = dimension == 2 ? 1 : weight[z];
         sbi_element_rule_add(rule, (sb_real)point[x], (sb_real)point[y],
-                             dimension == 2 ? (sb_real)0 : (sb_real)point[z],
-                             (sb_real)(weight[x] * weight[y] * third));
+                             dimension == 2 ? (sb_real)0 : (sb_real)point[z], (sb_real)(weight[x] * weight[y] * third));
     }
 }
 
@@ -7348,8 +7332,7 @@ static int sbi_element_tet_points(sb_element_type type, sb_quadrature_kind kind)
 }
 
 SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
-                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3],
-                                 sb_real weights[SB_MAX_QUADRATURE_POINTS])
+                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3], sb_real weights[SB_MAX_QUADRATURE_POINTS])
 {
     int dimension = sb_element_dimension(type), tet_points = sbi_element_tet_points(type, kind);
     sbi_element_rule rule;
@@ -7407,8 +7390,7 @@ SBI_API const char *sbi_element_name(sbi_element element)
     return element.table ? element.table->name : sb_element_name(element.type);
 }
 
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type)
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     int count;
     if (!element.table)
@@ -7474,9 +7456,9 @@ static sb_result sbi_element_table_check_counts(const sb_element_table *table, s
     if (!table->name || !table->node_points || !table->shape || !table->points || !table->weights ||
         !table->mass_points || !table->mass_weights || !table->faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %s is NULL", table->name ? table->name : "",
-                        !table->name          ? "name"
-                        : !table->node_points ? "node_points"
-                        : !table->shape       ? "shape"
+                        !table->name                        ? "name"
+                        : !table->node_points               ? "node_points"
+                        : !table->shape                     ? "shape"
                         : !table->points || !table->weights ? "points or weights"
                         : !table->faces                     ? "faces"
                                                             : "mass_points or mass_weights");
@@ -7643,8 +7625,9 @@ static sb_result sbi_element_table_check_sums(const sb_element_table *table, con
         }
     }
     if (!(sb_abs(sum - 1) <= tolerance))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1",
-                        table->name, (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1", table->name,
+                        (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
     for (int k = 0; k < 3; k++) {
         if (!(sb_abs(slope[k]) * extent <= tolerance))
             return sbi_fail(error, SB_ERROR_ARGUMENT,
@@ -7713,8 +7696,8 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
     if (result == SB_OK)
         result = sbi_element_table_check_nodes(table, error);
     if (result == SB_OK)
-        result = sbi_element_table_check_rule(table, table->point_count, table->points, table->weights, "stiffness",
-                                              error);
+        result =
+            sbi_element_table_check_rule(table, table->point_count, table->points, table->weights, "stiffness", error);
     if (result == SB_OK)
         result = sbi_element_table_check_rule(table, table->mass_point_count, table->mass_points, table->mass_weights,
                                               "mass", error);
@@ -7814,8 +7797,8 @@ SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_me
 /* Box around the finite nodes; 0 when there are none. */
 SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
 /* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux);
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux);
 /* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
  * leave out. */
 SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume);
@@ -7887,8 +7870,8 @@ static int sbi_mesh_allocate_kind(sb_mesh *mesh, sbi_element element, int node_c
     return 0;
 }
 
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator)
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count, int with_regions,
+                              const sb_allocator *allocator)
 {
     return sbi_mesh_allocate_kind(mesh, sbi_element_make(type, NULL), node_count, element_count, with_regions,
                                   allocator);
@@ -7904,8 +7887,7 @@ SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
             return result;
     }
     if (sb_mesh_element_width(mesh) == 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d",
-                        (int)mesh->element_type);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d", (int)mesh->element_type);
     if (mesh->node_count < 0 || mesh->element_count < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has %d nodes and %d elements", mesh->node_count,
                         mesh->element_count);
@@ -7913,8 +7895,7 @@ SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
         return sbi_fail(error, SB_ERROR_MESH, "mesh is empty: %d nodes, %d elements", mesh->node_count,
                         mesh->element_count);
     if (!mesh->nodes || !mesh->elements)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has no array of %s",
-                        mesh->nodes ? "elements" : "nodes");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has no array of %s", mesh->nodes ? "elements" : "nodes");
     return SB_OK;
 }
 
@@ -7922,8 +7903,7 @@ SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (!sb_v3_is_finite(mesh->nodes[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d has a coordinate that is not finite",
-                                 i);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d has a coordinate that is not finite", i);
     return SB_OK;
 }
 
@@ -7948,13 +7928,12 @@ SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error)
         result = sbi_mesh_check_nodes(mesh, error);
     for (int e = 0; result == SB_OK && e < mesh->element_count; e++)
         if (sbi_mesh_index_out_of_range(mesh, e, &index))
-            result = sbi_fail_element(error, SB_ERROR_INDEX, e, "element %d refers to node %d of %d", e,
-                                      index, mesh->node_count);
+            result = sbi_fail_element(error, SB_ERROR_INDEX, e, "element %d refers to node %d of %d", e, index,
+                                      mesh->node_count);
     return result;
 }
 
-SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
-                              sb_error *error)
+SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy, sb_error *error)
 {
     sb_mesh made;
     size_t nodes_per_element;
@@ -8061,8 +8040,7 @@ static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, 
 SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
-    sbi_mesh_table_add_rule(table, element,
-                            element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
+    sbi_mesh_table_add_rule(table, element, element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
 SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
@@ -8101,8 +8079,7 @@ SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_loca
     if (local->size > 0) {
         local->rounding *= 1 + magnitude / local->size;
         for (int a = 0; a < n; a++)
-            local->x[a] =
-                sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
+            local->x[a] = sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
     }
 }
 
@@ -8139,13 +8116,11 @@ static sb_mesh_defect sbi_mesh_defect_of_sign(sb_real det, sb_real rounding)
 {
     if (det > rounding)
         return SB_MESH_SOUND;
-    return det < -rounding ? SB_MESH_INVERTED
-                           : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
+    return det < -rounding ? SB_MESH_INVERTED : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
 }
 
 /* Worst sign of the Jacobian over the table's points, inverted before flat. */
-static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count,
-                                              const sbi_mesh_local *local)
+static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count, const sbi_mesh_local *local)
 {
     sb_mesh_defect worst = SB_MESH_SOUND;
     for (int i = 0; i < table->count; i++) {
@@ -8172,10 +8147,10 @@ static sb_mesh_defect sbi_mesh_shape_defect(const sb_mesh *mesh, const sbi_mesh_
     }
     if (mesh->element_type == SB_HEX8 || mesh->element_type == SB_CUSTOM)
         return sbi_mesh_sampled_defect(table, n, &local);
-    defect = sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8
-                                         ? sbi_mesh_hex_corner_det(local.x)
-                                         : sbi_mesh_corner_det(local.x),
-                                     local.rounding);
+    defect =
+        sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8 ? sbi_mesh_hex_corner_det(local.x)
+                                                                                   : sbi_mesh_corner_det(local.x),
+                                local.rounding);
     if (defect != SB_MESH_SOUND || mesh->element_type == SB_TET4)
         return defect;
     return sbi_mesh_sampled_defect(table, n, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
@@ -8235,8 +8210,8 @@ static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *tab
     return volume;
 }
 
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux)
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -8390,8 +8365,7 @@ SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *t
     case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
     case SB_HEX20:
     case SB_HEX27:
-    case SB_CUSTOM:
-        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_CUSTOM: return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
     case SB_QUAD4:
     case SB_QUAD8:
     case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
@@ -8442,8 +8416,8 @@ SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_re
 {
     const sb_real degrees = (sb_real)57.295779513082321;
     sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && mesh->nodes && mesh->elements &&
-                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
+    int is_tet =
+        mesh && mesh->nodes && mesh->elements && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
     for (int e = 0; is_tet && e < mesh->element_count; e++) {
         const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
         sb_vec3 corners[4];
@@ -8461,7 +8435,8 @@ SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_re
 }
 
 /* ==== src/softbody/mesh/mesh_keys.c ==== */
-/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one place.
+/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one
+ * place.
  *
  * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
  * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
@@ -8477,8 +8452,7 @@ SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *ke
 }
 
 /* Local corner numbers of a part of an element; returns how many. */
-static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index,
-                                 int corners[SB_MAX_ELEMENT_NODES])
+static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index, int corners[SB_MAX_ELEMENT_NODES])
 {
     sb_element_type face_type = SB_NO_ELEMENT;
     if (part == SBI_MESH_WHOLE) {
@@ -8513,8 +8487,7 @@ static void sbi_mesh_insertion_sort(int *values, int count)
     }
 }
 
-static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                               sbi_mesh_keys *keys)
+static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
     for (int i = 0; i < keys->per_element; i++)
@@ -8536,8 +8509,8 @@ static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const un
 }
 
 /* One stable counting sort of the order by a column of the keys; start has node_count + 1 entries. */
-static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from,
-                                 int *to, int *start)
+static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from, int *to,
+                                 int *start)
 {
     const int *value = keys->keys + column;
     memset(start, 0, sizeof(int) * ((size_t)node_count + 1));
@@ -8593,8 +8566,7 @@ SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
     int end = begin + 1;
-    while (end < keys->sorted &&
-           memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
+    while (end < keys->sorted && memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
         end++;
     return end;
 }
@@ -8703,8 +8675,7 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 {
     const sb_real reach = grid->tolerance;
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell),
-            j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
+    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell), j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
             k1 = sbi_mesh_grid_cell((d.z + reach) / grid->cell);
     int best = -1;
     for (int64_t i = sbi_mesh_grid_cell((d.x - reach) / grid->cell); i <= i1; i++)
@@ -8719,9 +8690,8 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 static void sbi_mesh_grid_add(const sbi_mesh_grid *grid, const sb_vec3 *nodes, int node)
 {
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    size_t bucket =
-        sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell), sbi_mesh_grid_cell(d.y / grid->cell),
-                             sbi_mesh_grid_cell(d.z / grid->cell));
+    size_t bucket = sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell),
+                                         sbi_mesh_grid_cell(d.y / grid->cell), sbi_mesh_grid_cell(d.z / grid->cell));
     grid->next[node] = grid->head[bucket];
     grid->head[bucket] = node;
 }
@@ -8823,8 +8793,8 @@ static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
 }
 
 /* "3 elements inverted (negative volume): 3, 17, 40" */
-static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
-                                        sb_mesh_defect defect, sb_error *error)
+static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders, sb_mesh_defect defect,
+                                        sb_error *error)
 {
     char list[16 * SBI_MESH_LISTED], index_text[64];
     size_t used = 0;
@@ -8834,16 +8804,15 @@ static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offe
         used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
     if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
         snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
-    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
-                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
-                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
-                            offenders->count > listed ? ", ..." : "");
+    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH, offenders->first[0],
+                            "%d element%s %s%s: %s%s", offenders->count, offenders->count == 1 ? "" : "s",
+                            sbi_mesh_defect_text(defect), index_text, list, offenders->count > listed ? ", ..." : "");
 }
 
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 {
-    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
-                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
+    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED, SB_MESH_FLAT,
+                                           SB_MESH_BAD_MIDSIDE};
     sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
     sbi_mesh_table table;
     sb_result result = sbi_mesh_check_shape(mesh, error);
@@ -8896,8 +8865,7 @@ static void sbi_mesh_check_release(const sb_allocator *allocator, sbi_mesh_check
     sbi_mesh_keys_free(allocator, &scratch->whole);
 }
 
-static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     memset(scratch, 0, sizeof *scratch);
     scratch->defect = (unsigned char *)sbi_alloc(allocator, (size_t)mesh->element_count, 1);
@@ -8908,8 +8876,7 @@ static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allo
 }
 
 /* Sorts out the elements: what each has by itself, then the repetitions of earlier ones. */
-static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     sbi_mesh_table table;
     sbi_mesh_keys *whole = &scratch->whole;
@@ -8935,8 +8902,8 @@ static int sbi_mesh_check_list_bad(const sb_mesh *mesh, const unsigned char *def
     for (int e = 0; e < mesh->element_count; e++)
         report->defect_count[defect[e]]++;
     report->bad_count = mesh->element_count - report->defect_count[SB_MESH_SOUND];
-    report->bad = (sb_mesh_bad_element *)sbi_alloc(&report->allocator, (size_t)report->bad_count,
-                                                   sizeof(sb_mesh_bad_element));
+    report->bad =
+        (sb_mesh_bad_element *)sbi_alloc(&report->allocator, (size_t)report->bad_count, sizeof(sb_mesh_bad_element));
     if (!report->bad)
         return 0;
     for (int e = 0, i = 0; e < mesh->element_count; e++) {
@@ -8981,8 +8948,8 @@ static void sbi_mesh_check_sides(const sb_mesh *mesh, const sbi_mesh_keys *sides
             (*(surface ? &report->nonmanifold_edges : &report->nonmanifold_faces))++;
         if (surface && end == begin + 2) {
             int p = sides->order[begin], q = sides->order[begin + 1], per = sides->per_element;
-            report->inconsistent_edges += sbi_mesh_edge_ascends(mesh, p / per, p % per) ==
-                                          sbi_mesh_edge_ascends(mesh, q / per, q % per);
+            report->inconsistent_edges +=
+                sbi_mesh_edge_ascends(mesh, p / per, p % per) == sbi_mesh_edge_ascends(mesh, q / per, q % per);
         }
     }
 }
@@ -9018,8 +8985,7 @@ static int sbi_mesh_count_pinched(const sb_mesh *mesh, const sbi_mesh_keys *side
     return pinched;
 }
 
-static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect,
-                                        sb_mesh_report *report)
+static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     int ends[3] = {0, 0, 0}, found = 0;
     for (int e = 0; e < mesh->element_count; e++) {
@@ -9061,18 +9027,16 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
 }
 
 /* Fills the report; 0 when memory is short. */
-static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator,
-                              sbi_mesh_check_scratch *scratch, sb_mesh_report *report)
+static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch,
+                              sb_mesh_report *report)
 {
-    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) ||
-        !sbi_mesh_check_elements(mesh, allocator, scratch) ||
+    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) || !sbi_mesh_check_elements(mesh, allocator, scratch) ||
         !sbi_mesh_check_nodes_of_report(mesh, allocator, scratch, report) ||
         !sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, scratch->skip, allocator, &scratch->sides))
         return 0;
     sbi_mesh_check_geometry(mesh, scratch->defect, report);
     sbi_mesh_check_sides(mesh, &scratch->sides, report);
-    report->components =
-        sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
+    report->components = sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
     if (sb_element_dimension(mesh->element_type) == 2)
         report->nonmanifold_vertices =
             sbi_mesh_count_pinched(mesh, &scratch->sides, scratch->skip, allocator, scratch->per_node);
@@ -9128,7 +9092,8 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         break;
     case SB_TRI3:
     case SB_TET4: sbi_mesh_swap(nodes, 1, 2); break;
-    case SB_HEX27: sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
+    case SB_HEX27:
+        sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
     /* fall through */
     case SB_HEX20:
         for (int a = 8; a < 12; a++)
@@ -9220,8 +9185,8 @@ static int sbi_mesh_flood_part(const sb_mesh *mesh, sbi_mesh_flood *flood, int b
 
 /* Decides whether the whole part queue[begin..end) must be mirrored on top, and returns its number of
  * flips. */
-static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood,
-                               int begin, int end)
+static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood, int begin,
+                               int end)
 {
     int per = flood->sides.per_element, closed = 1, flips = 0, turn;
     double volume = 0, scale = 0, area, flux;
@@ -9272,8 +9237,7 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
     if (result != SB_OK)
         return result;
     if (sb_element_dimension(mesh->element_type) != 2)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface",
-                        sb_element_name(mesh->element_type));
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface", sb_element_name(mesh->element_type));
     memset(&flood, 0, sizeof flood);
     flood.queue = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
     flood.flip = (signed char *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, 1);
@@ -9396,8 +9360,7 @@ SB_API sb_result sb_mesh_scale(sb_mesh *mesh, sb_real factor, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale factor must be positive and finite");
     for (int v = 0; v < mesh->node_count; v++)
         if (!sb_is_finite(factor * sbi_mesh_max_abs(mesh->nodes[v])))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling",
-                                 v);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling", v);
     for (int v = 0; v < mesh->node_count; v++)
         mesh->nodes[v] = sb_v3_scale(factor, mesh->nodes[v]);
     return SB_OK;
@@ -9438,8 +9401,7 @@ SB_API void sb_boundary_free(sb_boundary *boundary)
     memset(boundary, 0, sizeof *boundary);
 }
 
-static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns,
-                                   const sb_allocator *allocator)
+static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns, const sb_allocator *allocator)
 {
     sbi_mesh_set_allocator(&table->allocator, allocator);
     table->rows = rows;
@@ -9522,15 +9484,15 @@ static int sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, 
 }
 
 /* The surface with all nodes of the volume; 0 when memory is short. */
-static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map,
-                                  const sb_allocator *allocator, sb_boundary *boundary)
+static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map, const sb_allocator *allocator,
+                                  sb_boundary *boundary)
 {
     sbi_element element = sbi_mesh_element_kind(mesh);
     sb_element_type type = sbi_mesh_boundary_type(element);
     int per = sbi_element_face_count(element), sides = mesh->element_count * per;
     int rows = sbi_mesh_count_rows(mesh, mate, type), row = 0;
-    if (rows < 0 || !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL,
-                                       allocator))
+    if (rows < 0 ||
+        !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL, allocator))
         return 0;
     boundary->elements = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
     boundary->faces = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
@@ -9594,8 +9556,8 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
     return result;
 }
 
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error)
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error)
 {
     sb_index_table made;
     sbi_mesh_keys sides;
@@ -9687,8 +9649,7 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     if (lists->items) {
         sbi_mesh_fill_int(last, count, -1);
         sbi_mesh_lists_fill(mesh, lists, last, 0);
-        memmove(lists->offsets + 1, lists->offsets,
-                sizeof(int) * (size_t)count); /* filling moved each to its end */
+        memmove(lists->offsets + 1, lists->offsets, sizeof(int) * (size_t)count); /* filling moved each to its end */
         lists->offsets[0] = 0;
     } else {
         sb_index_lists_free(lists);
@@ -9697,8 +9658,8 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     return lists->items != NULL;
 }
 
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error)
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error)
 {
     sb_index_lists made;
     sb_result result = sbi_mesh_check_output(mesh, lists, error);
@@ -9710,8 +9671,8 @@ SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error)
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error)
 {
     sb_index_table made;
     int *scratch, parts;
@@ -9854,20 +9815,17 @@ static sb_result sbi_mesh_raise(const sb_mesh *mesh, sb_element_type from, sb_el
     return result;
 }
 
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_TET4, SB_TET10, allocator, tet10, error);
 }
 
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX20, allocator, hex20, error);
 }
 
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }
@@ -9882,8 +9840,9 @@ SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *alloc
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
-    int *mark;   /* [nodes] search that saw the node last */
+    int *degree;             /* [nodes] elements of the node: known without a graph, and ordered much like the number of
+                              * neighbours */
+    int *mark;               /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */
 } sbi_mesh_graph;
@@ -10032,8 +9991,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
     r->element_map = (int *)sbi_alloc(allocator, elements, sizeof(int));
     r->start = (int *)sbi_alloc(allocator, nodes + 1, sizeof(int));
     r->nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
-    r->elements = (int *)sbi_alloc(allocator, elements,
-                                   sizeof(int) * (size_t)sb_mesh_element_width(mesh));
+    r->elements = (int *)sbi_alloc(allocator, elements, sizeof(int) * (size_t)sb_mesh_element_width(mesh));
     if (mesh->regions)
         r->regions = (int *)sbi_alloc(allocator, elements, sizeof(int));
     return r->graph.degree && r->graph.mark && r->graph.order && r->node_map && r->element_map && r->start &&
@@ -10126,8 +10084,8 @@ static int64_t sbi_meshgen_product(int64_t a, int64_t b)
 }
 
 /* Checks the type and the counts, and makes the arrays. */
-static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes,
-                                   int64_t cells, const sb_allocator *allocator, sb_error *error)
+static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes, int64_t cells,
+                                   const sb_allocator *allocator, sb_error *error)
 {
     sb_element_type straight = sb_element_straight(type);
     int64_t elements = sbi_meshgen_product(cells, straight == SB_HEX8 ? 1 : 6);
@@ -10151,8 +10109,7 @@ static sb_result sbi_meshgen_check(sb_element_type type, const sb_mesh *mesh, sb
 static int sbi_meshgen_is_length(sb_real length) { return length > 0 && sb_is_finite(length); }
 
 /* Hands the mesh over, as the quadratic element that was asked for. */
-static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh,
-                                    sb_error *error)
+static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_allocator allocator = builder->mesh.allocator;
@@ -10229,8 +10186,8 @@ static void sbi_meshgen_grid_cell(int i, int j, int k, int nx, int ny, int cell[
 
 /* ---- beam ---- */
 
-SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size,
-                              const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size, const sb_allocator *allocator,
+                              sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     int cell[8], v = 0;
@@ -10242,8 +10199,7 @@ SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_v
     if (!sbi_meshgen_is_length(size.x) || !sbi_meshgen_is_length(size.y) || !sbi_meshgen_is_length(size.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the sizes of a beam must be positive and finite");
     result = sbi_meshgen_begin(
-        &builder, type,
-        sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1), (int64_t)nz + 1),
+        &builder, type, sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1), (int64_t)nz + 1),
         sbi_meshgen_product(sbi_meshgen_product(nx, ny), nz), allocator, error);
     if (result != SB_OK)
         return result;
@@ -10324,8 +10280,8 @@ static void sbi_meshgen_disc_points(sbi_meshgen_round round, sb_vec3 *points)
     int core = round.core, next = 0, i, j;
     for (j = 0; j <= core; j++)
         for (i = 0; i <= core; i++)
-            points[next++] = sbi_meshgen_round_point(
-                sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
+            points[next++] =
+                sbi_meshgen_round_point(sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
     for (int ring = 1; ring <= round.layers; ring++) {
         for (int step = 0; step < 4 * core; step++) {
             sbi_meshgen_loop_point(step, core, &i, &j);
@@ -10392,14 +10348,13 @@ static void sbi_meshgen_cylinder_nodes(sb_mesh *mesh, int per_layer, int axis, s
         sb_real height = length * ((sb_real)k / (sb_real)along);
         for (int v = 0; v < per_layer; v++) {
             sb_vec3 point = mesh->nodes[v];
-            mesh->nodes[v + k * per_layer] =
-                sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
+            mesh->nodes[v + k * per_layer] = sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
         }
     }
 }
 
-SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across,
-                                  int along, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across, int along,
+                                  const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sbi_meshgen_round round = sbi_meshgen_round_of(across);
@@ -10410,13 +10365,11 @@ SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius
     if (axis < 0 || axis > 2)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "axis %d of a cylinder is none of 0, 1, 2", axis);
     if (across < 4 || across > 20000 || along < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across,
-                        along);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across, along);
     if (!sbi_meshgen_is_length(radius) || !sbi_meshgen_is_length(length))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "radius and length must be positive and finite");
     quads = (int64_t)round.core * round.core + 4 * (int64_t)round.core * round.layers;
-    result = sbi_meshgen_begin(&builder, type,
-                               sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
+    result = sbi_meshgen_begin(&builder, type, sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
                                sbi_meshgen_product(quads, along), allocator, error);
     if (result != SB_OK)
         return result;
@@ -10444,13 +10397,12 @@ static int *sbi_meshgen_surface_ranks(int core, const sb_allocator *allocator)
 /* Nodes of the unit ball: the core grid, then layer after layer in the order of the core's surface. */
 static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_vec3 *nodes)
 {
-    int core = round.core, side = core + 1, v = 0,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, v = 0, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     for (int k = 0; k < side; k++) {
         for (int j = 0; j < side; j++) {
             for (int i = 0; i < side; i++, v++) {
-                sb_vec3 u = sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core),
-                                  sbi_meshgen_centred(k, core));
+                sb_vec3 u =
+                    sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), sbi_meshgen_centred(k, core));
                 nodes[v] = sbi_meshgen_round_point(u, 0);
                 for (int layer = 1; layer <= round.layers && rank[v] >= 0; layer++)
                     nodes[side * side * side + (layer - 1) * surface + rank[v]] =
@@ -10464,8 +10416,7 @@ static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_
 static void sbi_meshgen_ball_column(sbi_meshgen_builder *builder, sbi_meshgen_round round, const int *rank,
                                     const int quad[4])
 {
-    int core = round.core, side = core + 1,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     int cell[8];
     for (int a = 0; a < 4; a++)
         cell[a + 4] = quad[a];
@@ -10511,9 +10462,8 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     int64_t core = round.core, side = core + 1, inner = core - 1;
     int64_t surface = side * side * side - inner * inner * inner;
     int *rank;
-    sb_result result =
-        sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
-                          core * core * core + 6 * core * core * round.layers, allocator, error);
+    sb_result result = sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
+                                         core * core * core + 6 * core * core * round.layers, allocator, error);
     if (result != SB_OK)
         return result;
     rank = sbi_meshgen_surface_ranks(round.core, allocator);
@@ -10527,16 +10477,15 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells,
-                                   const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells, const sb_allocator *allocator,
+                                   sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sb_result result = sbi_meshgen_check(type, mesh, error);
     if (result != SB_OK)
         return result;
     if (cells < 4 || cells > 500)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible",
-                        cells);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible", cells);
     if (!sbi_meshgen_is_length(semi_axes.x) || !sbi_meshgen_is_length(semi_axes.y) ||
         !sbi_meshgen_is_length(semi_axes.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the semi-axes must be positive and finite");
@@ -10625,8 +10574,7 @@ typedef struct sbi_word {
     size_t length;
 } sbi_word;
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error);
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error);
 /* Fills the reader's error with file, line or byte offset, node and element; returns result. */
 SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
 #if defined(__GNUC__)
@@ -10634,12 +10582,13 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
-/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
- * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take
+ * their place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for
+ * these. */
 SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
 
-/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
- * by it; any other is an error with its line. */
+/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know
+ * strings by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
 
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
@@ -10664,14 +10613,13 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
 /* A number of things that take at least `bytes` bytes each of what is left of the file: more than fit is
  * an error, so that memory may be taken for them. bytes 0: unchecked. At most INT_MAX. */
 SBI_API sb_result sbi_reader_count(sbi_reader *reader, const char *what, size_t bytes, int *count);
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count);
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count);
 /* Steps over `count` words. */
 SBI_API sb_result sbi_reader_skip_words(sbi_reader *reader, size_t count, const char *what);
 
 /* The next `count` * `size` bytes, or NULL with an error when there are fewer. */
-SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size,
-                                              const char *what);
+SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size, const char *what);
 /* Binary numbers in the reader's byte order. */
 SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
@@ -10812,7 +10760,7 @@ typedef struct sbi_loader {
     size_t index_count, index_capacity;
     sbi_cell *cells; /* surface and volume cells of supported types; points and lines when keep_low */
     size_t cell_count, cell_capacity;
-    int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
+    int points_only;  /* PLY: faces are stepped over, normals of vertices wanted */
     sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
     size_t normal_count, normal_capacity;
     int *scratch; /* nodes of the cell being read */
@@ -10828,17 +10776,17 @@ typedef struct sbi_loader {
     int diagonal_count, diagonal_nodes;        /* diagonal_nodes: how many of them are new */
     int pieces;                                /* VTU: parts of the file that were joined */
     /* groups and what becomes regions */
-    int keep_low;         /* points and lines are kept as well: sets are wanted */
-    int *groups;          /* lists of groups: their count, then their numbers; [0] is an empty one */
+    int keep_low; /* points and lines are kept as well: sets are wanted */
+    int *groups;  /* lists of groups: their count, then their numbers; [0] is an empty one */
     size_t group_count, group_capacity;
-    int cell_groups;      /* list of the cell being read, see sbi_cell */
+    int cell_groups; /* list of the cell being read, see sbi_cell */
     sbi_group_name *names;
     size_t name_count, name_capacity;
-    int region_rank;      /* of the field in source_regions, see sbi_region_field_rank; 0: none */
-    int region_cells;     /* cells of source_regions */
+    int region_rank;  /* of the field in source_regions, see sbi_region_field_rank; 0: none */
+    int region_cells; /* cells of source_regions */
     char region_field[SB_MESH_SET_NAME];
-    int ignored_count;    /* fields, sections and the like that were stepped over */
-    char ignored[120];    /* their names */
+    int ignored_count; /* fields, sections and the like that were stepped over */
+    char ignored[120]; /* their names */
 } sbi_loader;
 
 SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
@@ -10846,8 +10794,8 @@ SBI_API void sbi_loader_free(sbi_loader *loader);
 
 /* An array for at least `needed` items with the `used` first ones of `old`, which is freed; NULL without
  * memory (old stays). Grows geometrically. */
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item);
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item);
 SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
 
 /* Takes memory for `count` more nodes, of which the caller knows that the file can hold them. */
@@ -10942,8 +10890,7 @@ typedef struct sbi_file {
     size_t size;
 } sbi_file;
 /* The whole file; content->data is to be freed, also after a failure. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error);
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error);
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);
@@ -11320,8 +11267,7 @@ SBI_API int sbi_parse_real(const char *text, size_t length, double *value)
 
 /* ==== reader ======================================================================================= */
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error)
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error)
 {
     memset(reader, 0, sizeof *reader);
     reader->data = (const char *)data;
@@ -11430,7 +11376,9 @@ SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
                  {"PK\x03\x04", "a zip archive: unpack it first"},
                  {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
                  {"BZh", "packed by bzip2: unpack it first"},
-                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"\xFD"
+                  "7zXZ",
+                  "packed by xz: unpack it first"},
                  {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
                  {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
                  {"<html", "a web page, not the file that it shows or links to"},
@@ -11509,8 +11457,7 @@ SBI_API const char *sbi_word_print(sbi_word word, char buffer[32])
     return buffer;
 }
 
-static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word,
-                                      const char *why)
+static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word, const char *why)
 {
     char text[32];
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s: '%s' %s", what, sbi_word_print(word, text), why);
@@ -11540,22 +11487,20 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
         return SB_OK;
     if (parsed == 0)
         return sbi_reader_fail_word(reader, what, word, "is not a number");
-    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what,
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what, sbi_word_print(word, text));
 }
 
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count)
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count)
 {
     if (value < 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is negative: %lld", what, (long long)value);
     if (value > INT_MAX)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what,
-                               (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what, (long long)value);
     /* + 1: in a text the last blank may be missing */
     if (bytes && (uint64_t)value > ((uint64_t)sbi_reader_left(reader) + 1) / bytes)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that",
-                               what, (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that", what,
+                               (long long)value);
     *count = (int)value;
     return SB_OK;
 }
@@ -11866,8 +11811,8 @@ SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader)
     return SB_ERROR_MEMORY;
 }
 
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item)
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item)
 {
     size_t target = *capacity < ((size_t)-1) / 2 ? 2 * *capacity : needed;
     void *grown;
@@ -11910,8 +11855,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     for (int i = 0; i < 3; i++) {
         double value = x[i] * loader->scale;
         if (x[i] - x[i] != 0)
-            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite",
-                                   reader->node);
+            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite", reader->node);
         if (fabs(value) > (double)SB_REAL_MAX)
             return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is too large: %g",
                                    reader->node, value);
@@ -11919,8 +11863,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     }
     if (loader->node_count >= INT_MAX)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
-    if (loader->node_count >= loader->node_capacity &&
-        !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
+    if (loader->node_count >= loader->node_capacity && !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
         return sbi_loader_no_memory(loader);
     loader->nodes[loader->node_count++] = sb_v3(scaled[0], scaled[1], scaled[2]);
     reader->node = -1;
@@ -11935,9 +11878,9 @@ SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3])
                                (unsigned long long)loader->normal_count);
     if (loader->normal_count >= loader->normal_capacity) {
         size_t needed = loader->normal_count + 1;
-        void *grown = sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
-                                      needed > loader->node_capacity ? needed : loader->node_capacity,
-                                      sizeof loader->normals[0]);
+        void *grown =
+            sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
+                            needed > loader->node_capacity ? needed : loader->node_capacity, sizeof loader->normals[0]);
         if (!grown)
             return sbi_loader_no_memory(loader);
         loader->normals = (sb_vec3 *)grown;
@@ -11970,13 +11913,11 @@ SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64
     if (loader->node_count == 0)
         return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "a cell before the first node");
     if (number < base || number > last)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX,
-                               "node %lld does not exist: nodes are %lld to %lld", (long long)number,
-                               (long long)base, (long long)last);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "node %lld does not exist: nodes are %lld to %lld",
+                               (long long)number, (long long)base, (long long)last);
     if (loader->scratch_count >= loader->scratch_capacity) {
-        void *grown =
-            sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
-                            loader->scratch_count + 1, sizeof loader->scratch[0]);
+        void *grown = sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
+                                      loader->scratch_count + 1, sizeof loader->scratch[0]);
         if (!grown)
             return sbi_loader_no_memory(loader);
         loader->scratch = (int *)grown;
@@ -12009,8 +11950,8 @@ static sb_result sbi_loader_reserve_cell(sbi_loader *loader, size_t nodes)
 }
 
 /* Appends a cell with the nodes scratch[a], scratch[b], ... or, with corners NULL, all of them in `order`. */
-static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3],
-                                      sbi_node_order order, int region)
+static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3], sbi_node_order order,
+                                      int region)
 {
     int nodes = sbi_cell_kind_at(kind)->nodes;
     sb_result result = sbi_loader_reserve_cell(loader, (size_t)nodes);
@@ -12069,8 +12010,8 @@ static sb_result sbi_loader_end_triangles(sbi_loader *loader, int region, int st
     sb_result result = SB_OK;
     size_t count = loader->scratch_count;
     if (count < 3)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners",
-                               loader->source_count, (unsigned long long)count);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners", loader->source_count,
+                               (unsigned long long)count);
     for (size_t i = 0; i + 2 < count && !result; i++) {
         size_t fan[3], odd = strip ? i % 2 : 0;
         fan[0] = strip ? i : 0;
@@ -12185,8 +12126,8 @@ SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name)
 /* The names that programs give to the material of a cell; ours is best. */
 SBI_API int sbi_region_field_rank(sbi_word name)
 {
-    static const char names[][20] = {"region",       "regions",      "region_id",  "RegionId",      "material",
-                                     "materials",    "material_id",  "MaterialId", "MaterialIds",   "mat_id",
+    static const char names[][20] = {"region",        "regions",     "region_id",    "RegionId",    "material",
+                                     "materials",     "material_id", "MaterialId",   "MaterialIds", "mat_id",
                                      "gmsh:physical", "medit:ref",   "CellEntityIds"};
     const int count = (int)(sizeof names / sizeof names[0]);
     for (int i = 0; i < count; i++)
@@ -12246,8 +12187,8 @@ SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int c
     return SB_OK;
 }
 
-SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
-                                       const char *first, const char *second)
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format, const char *first,
+                                       const char *second)
 {
     sbi_reader place = loader->reader;
     char message[160];
@@ -12287,11 +12228,9 @@ SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_lo
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "the load options do not come from sb_default_load_options()");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the load options do not come from sb_default_load_options()");
     if (!(resolved->scale > 0) || !sb_is_finite(resolved->scale))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive",
-                        (double)resolved->scale);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive", (double)resolved->scale);
     return SB_OK;
 }
 
@@ -12314,8 +12253,7 @@ static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content
 }
 
 /* Reads until the end rather than asking for the size, which pipes do not have and folders make up. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error)
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error)
 {
     size_t capacity = 1 << 16, got = 1;
     sb_result result = SB_OK;
@@ -12367,10 +12305,9 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     static const struct {
         char ending[7];
         sb_file_format format;
-    } endings[] = {{".vtk", SB_FILE_VTK},    {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN},
-                   {".ele", SB_FILE_TETGEN}, {".obj", SB_FILE_OBJ},  {".stl", SB_FILE_STL},
-                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF},  {".vtu", SB_FILE_VTU},
-                   {".vtp", SB_FILE_VTU},    {".mesh", SB_FILE_MEDIT}, {".meshb", SB_FILE_MEDIT}};
+    } endings[] = {{".vtk", SB_FILE_VTK}, {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN}, {".ele", SB_FILE_TETGEN},
+                   {".obj", SB_FILE_OBJ}, {".stl", SB_FILE_STL},  {".ply", SB_FILE_PLY},     {".off", SB_FILE_OFF},
+                   {".vtu", SB_FILE_VTU}, {".vtp", SB_FILE_VTU},  {".mesh", SB_FILE_MEDIT},  {".meshb", SB_FILE_MEDIT}};
     for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++)
         if (sbi_meshio_name_ends_with(name, endings[i].ending))
             return endings[i].format;
@@ -12457,8 +12394,7 @@ SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
     case SB_FILE_TETGEN:
     case SB_FILE_AUTO: break;
     }
-    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT,
-                           "this format cannot be read from one piece of memory");
+    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT, "this format cannot be read from one piece of memory");
 }
 
 /* Whether every tet10 has its last two mid-edge nodes nearer to the other's edge: gmsh's order in a file that should
@@ -12689,8 +12625,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 }
 
 /* A copy of the path with its ending, of `cut` characters, replaced; NULL without memory. */
-static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut,
-                                      const char *ending)
+static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut, const char *ending)
 {
     size_t stem = strlen(path) - cut, tail = strlen(ending) + 1;
     char *changed = (char *)sbi_alloc(allocator, stem + tail, 1);
@@ -12736,8 +12671,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
     return result;
 }
 
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error)
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error)
 {
     sb_load_options resolved;
     sb_file_format format = SB_FILE_AUTO;
@@ -12901,10 +12835,8 @@ static sb_result sbi_export_check_field(const sb_field *field, const sb_mesh *me
     for (size_t i = 0; i < rows * (size_t)field->components; i++)
         if (!sb_is_finite(field->values[i])) {
             int row = (int)(i / (size_t)field->components);
-            return at_nodes
-                       ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
-                       : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite",
-                                          field->name);
+            return at_nodes ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
+                            : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name);
         }
     if (!at_nodes && mesh->regions && strcmp(field->name, "region") == 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the element field region comes from the mesh");
@@ -12986,8 +12918,7 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     for (int i = 0; i < mesh->element_count; i++) {
         sbi_export_integer(out, nodes, " ");
         for (int k = 0; k < nodes; k++)
-            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k],
-                               k + 1 < nodes ? " " : "\n");
+            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k], k + 1 < nodes ? " " : "\n");
     }
     sbi_export_end_binary(out);
     sbi_export_line(out, "CELL_TYPES", mesh->element_count, "\n");
@@ -12996,8 +12927,8 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     sbi_export_end_binary(out);
 }
 
-static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                int field_count, int binary, sb_error *error)
+static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                int binary, sb_error *error)
 {
     sbi_export out;
     sb_result result;
@@ -13020,14 +12951,14 @@ static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_
     return sbi_export_close(&out, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 0, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 1, error);
 }
@@ -13109,8 +13040,7 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
     for (int i = 0; !result && i < mesh->node_count; i++) {
         sb_vec3 x = mesh->nodes[i];
         if (fabs((double)x.x) > limit || fabs((double)x.y) > limit || fabs((double)x.z) > limit)
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i,
-                                 "a coordinate of node %d is too large for STL", i);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "a coordinate of node %d is too large for STL", i);
     }
     if (!result)
         result = sbi_export_open(&out, path, 1, error);
@@ -13240,8 +13170,7 @@ static sb_result sbi_vtk_read_type(sbi_vtk *vtk, const sbi_vtk_type **type)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the data type is missing");
     *type = sbi_vtk_find_type(word);
     if (!*type)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -13300,8 +13229,7 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
 {
     if (type->class_ == 's') {
         if (vtk->binary)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                                   "text arrays in binary files are not supported");
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "text arrays in binary files are not supported");
         for (sbi_reader_next_line(vtk->reader); count > 0; count--) {
             if (!sbi_reader_left(vtk->reader))
                 return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends in a text array");
@@ -13311,15 +13239,12 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
     }
     sbi_vtk_start_data(vtk);
     if ((uint64_t)count > (uint64_t)sbi_reader_left(vtk->reader) * 8)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values",
-                               (long long)count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values", (long long)count);
     if (!vtk->binary)
         return sbi_reader_skip_words(vtk->reader, (size_t)count, "a data array");
     if (type->class_ == 'b')
-        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK
-                                                                                         : SB_ERROR_FORMAT;
-    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK
-                                                                                            : SB_ERROR_FORMAT;
+        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK : SB_ERROR_FORMAT;
 }
 
 /* ---- geometry ---- */
@@ -13340,8 +13265,8 @@ static sb_result sbi_vtk_points(sbi_vtk *vtk)
     if (result)
         return result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed,
-                                    3 * sbi_vtk_value_bytes(vtk, type), &count);
+    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed, 3 * sbi_vtk_value_bytes(vtk, type),
+                                    &count);
     if (!result)
         result = sbi_loader_reserve_nodes(vtk->loader, count);
     for (int i = 0; i < count && !result; i++) {
@@ -13382,9 +13307,8 @@ static sb_result sbi_vtk_node_index(sbi_vtk *vtk, const sbi_vtk_type *type, int 
     if (result)
         return result;
     if (value < 0 || value >= (int64_t)vtk->loader->node_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX,
-                               "cell %d refers to node %lld, but there are %llu nodes", vtk->reader->element,
-                               (long long)value, (unsigned long long)vtk->loader->node_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX, "cell %d refers to node %lld, but there are %llu nodes",
+                               vtk->reader->element, (long long)value, (unsigned long long)vtk->loader->node_count);
     *node = (int)value;
     return SB_OK;
 }
@@ -13396,14 +13320,13 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
     int cells = 0, size = 0, used = 0, left;
     sb_result result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells,
-                                    sbi_vtk_value_bytes(vtk, &type), &cells);
+    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells, sbi_vtk_value_bytes(vtk, &type),
+                                    &cells);
     if (!result)
         result = sbi_reader_check_count(vtk->reader, "the size of the cell list", claimed_size,
                                         sbi_vtk_value_bytes(vtk, &type), &size);
     if (!result && size < cells)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells",
-                               size, cells);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells", size, cells);
     if (!result)
         result = sbi_vtk_take_list(vtk, cells, size - cells);
     left = size - cells;
@@ -13421,8 +13344,8 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
             vtk->ends[i] = used;
     }
     if (!result && used != left)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the cells take %d numbers, but the list should have %d", cells + used, size);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the cells take %d numbers, but the list should have %d",
+                               cells + used, size);
     vtk->reader->element = -1;
     return result;
 }
@@ -13453,8 +13376,8 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         result = sbi_reader_check_count(vtk->reader, "the number of offsets", claimed_offsets,
                                         sbi_vtk_value_bytes(vtk, type), &offsets);
     if (!result)
-        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices,
-                                        vtk->binary ? 1 : 2, &indices);
+        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices, vtk->binary ? 1 : 2,
+                                        &indices);
     if (!result && offsets == 0)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of cells without offsets");
     if (!result)
@@ -13464,17 +13387,16 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         vtk->reader->element = vtk->loader->source_count + (i > 0 ? i - 1 : 0);
         result = sbi_vtk_integer(vtk, type, "offset", &offset);
         if (!result && (offset < last || offset > indices || (i == 0 && offset != 0)))
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "offset %d is %lld, which is out of order or range", i, (long long)offset);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "offset %d is %lld, which is out of order or range", i,
+                                   (long long)offset);
         last = offset;
         if (i > 0 && !result)
             vtk->ends[i - 1] = (int)offset;
     }
     vtk->reader->element = -1;
     if (!result && last != indices)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the last offset is %lld, but there are %d node indices", (long long)last,
-                               indices);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the last offset is %lld, but there are %d node indices",
+                               (long long)last, indices);
     if (!result)
         result = sbi_vtk_list_array(vtk, "CONNECTIVITY", &type);
     for (int i = 0, cell = 0; i < indices && !result; i++) {
@@ -13525,8 +13447,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
     if (!vtk->has_cells || vtk->has_types)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "CELL_TYPES without CELLS before it");
     if (claimed != vtk->cell_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells",
-                               (long long)claimed, vtk->cell_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells", (long long)claimed,
+                               vtk->cell_count);
     sbi_vtk_start_data(vtk);
     for (int i = 0; i < vtk->cell_count && !result; i++) {
         int64_t number = 0;
@@ -13535,8 +13457,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
         result = sbi_vtk_integer(vtk, &type, "cell type", &number);
         kind = sbi_cell_kind_of_vtk(number);
         if (!result && kind < 0)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld",
-                                   i, (long long)number);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", i,
+                                   (long long)number);
         if (!result)
             result = sbi_vtk_commit_cell(vtk, i, kind);
     }
@@ -13594,8 +13516,8 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
-/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
- * the file has shares of it. */
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more
+ * where the file has shares of it. */
 static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                      int64_t tuples, double factor)
 {
@@ -13606,7 +13528,8 @@ static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_
     if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
         return sbi_vtk_skip_values(vtk, type, components * tuples);
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    result =
+        sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
     if (!result)
         result = sbi_voxels_begin(loader, vtk->in_cell_data);
     for (int i = 0; i < count && !result; i++) {
@@ -13625,8 +13548,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     int of_cells = vtk->in_cell_data && vtk->data_count >= 0, is_number = type->class_ != 'b' && type->class_ != 's';
     int usable = is_number && components == 1 && tuples == vtk->loader->source_count;
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
-                               (long long)tuples, (long long)components);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values", (long long)tuples,
+                               (long long)components);
     if (vtk->image)
         return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
@@ -13688,8 +13611,7 @@ static void sbi_vtk_skip_table_name(sbi_vtk *vtk)
     sbi_reader ahead = *vtk->reader;
     sbi_reader_next_line(&ahead);
     if (!vtk->binary)
-        sbi_reader_at_line_end(
-            &ahead); /* steps over blanks; binary data may begin with bytes that look like them */
+        sbi_reader_at_line_end(&ahead); /* steps over blanks; binary data may begin with bytes that look like them */
     word.text = ahead.data + ahead.at;
     word.length = sizeof keyword - 1;
     if (sbi_reader_left(&ahead) <= word.length || !sbi_word_is(word, keyword))
@@ -13776,8 +13698,8 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     }
     result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
-                               (long long)count, of_cells ? "cells" : "points", (long long)expected);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld", (long long)count,
+                               of_cells ? "cells" : "points", (long long)expected);
     vtk->in_cell_data = of_cells;
     vtk->data_count = (int)expected;
     return result;
@@ -13885,8 +13807,8 @@ static sb_result sbi_vtk_version(sbi_vtk *vtk)
     if (!sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the version number is missing");
     if (word.length < 3 || word.text[1] != '.' || word.text[0] < '2' || word.text[0] > '5')
-        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "VTK version %s is not supported: 2.0 to 5.1 are", sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "VTK version %s is not supported: 2.0 to 5.1 are",
+                               sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -13919,8 +13841,7 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
                                sbi_word_print(word, text));
     if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
-                               sbi_word_print(word, text));
+                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read", sbi_word_print(word, text));
     vtk->reader->binary = vtk->reader->big_endian = vtk->binary;
     return vtk->binary ? SB_OK : sbi_reader_check_text(vtk->reader);
 }
@@ -13986,13 +13907,28 @@ static const sbi_split_shape *sbi_split_shape_of(sbi_cell_shape shape)
 {
     static const sbi_split_shape shapes[5] = {
         {0, 0, 0, 0, {{0}}, {{0}}},
-        {4, 6, 4, 0, {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
+        {4,
+         6,
+         4,
+         0,
+         {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}},
-        {5, 8, 5, 1, {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
+        {5,
+         8,
+         5,
+         1,
+         {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}},
-        {6, 9, 5, 3, {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
+        {6,
+         9,
+         5,
+         3,
+         {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}}},
-        {8, 12, 6, 6,
+        {8,
+         12,
+         6,
+         6,
          {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 3, 2, 1}, {4, 5, 6, 7}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}}};
     return &shapes[shape];
@@ -14132,7 +14068,8 @@ static sb_result sbi_split_add_diagonal(sbi_split *split, const sbi_cell_kind *a
 {
     const sbi_split_shape *shape = sbi_split_shape_of(about->shape);
     sbi_loader *loader = split->loader;
-    int face = sbi_split_face_of(shape, a, b), middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
+    int face = sbi_split_face_of(shape, a, b),
+        middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
     sbi_split_diagonal *diagonal;
     if (split->diagonal_count >= split->diagonal_capacity) {
         void *grown = sbi_loader_grow(loader, split->diagonals, split->diagonal_count, &split->diagonal_capacity,
@@ -14531,8 +14468,7 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     sb_result result = SB_OK;
     loader->reader.element = loader->reader.node = -1;
     if (dimension < 2)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
-                               "the file has no faces and no volume elements");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH, "the file has no faces and no volume elements");
     split = split && sbi_split_wanted(loader, &type);
     if (!split)
         result = sbi_loader_find_type(loader, dimension, &type);
@@ -14738,7 +14674,8 @@ static sb_result sbi_sets_sort_nodes(const sbi_set_maker *maker, sb_mesh_set *se
 {
     const sb_allocator *allocator = &maker->loader->allocator;
     size_t count = (size_t)set->node_count;
-    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)), *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
+    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)),
+        *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
     sb_result result = order && scratch ? SB_OK : sbi_loader_no_memory(maker->loader);
     if (!result) {
         for (int i = 0; i < set->node_count; i++)
@@ -14980,9 +14917,8 @@ static sb_result sbi_gmsh_count(sbi_gmsh *gmsh, const char *what, size_t bytes, 
 {
     int64_t value = 0;
     sb_result result = sbi_gmsh_size(gmsh, what, &value);
-    return result
-               ? result
-               : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
+    return result ? result
+                  : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
 }
 
 static sb_result sbi_gmsh_skip_reals(sbi_gmsh *gmsh, size_t count)
@@ -15011,8 +14947,7 @@ static sb_result sbi_gmsh_node(sbi_gmsh *gmsh)
 static sb_result sbi_gmsh_region(const sbi_gmsh *gmsh, int64_t physical, int *region)
 {
     if (physical > INT_MAX || physical < -INT_MAX)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large",
-                               (long long)physical);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large", (long long)physical);
     *region = (int)(physical < 0 ? -physical : physical);
     return SB_OK;
 }
@@ -15030,8 +14965,7 @@ static sb_result sbi_gmsh_reserve_nodes(sbi_gmsh *gmsh, int count)
 {
     size_t used = gmsh->loader->node_count, needed = used + (size_t)count;
     if (needed > gmsh->tag_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->tags = (int64_t *)grown;
@@ -15088,8 +15022,8 @@ static sb_result sbi_gmsh_cell_node(sbi_gmsh *gmsh, int64_t tag)
     int node = sbi_gmsh_find_node(gmsh, tag);
     if (node < 0)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_INDEX,
-                               "element %d refers to node number %lld, which does not exist",
-                               gmsh->reader->element, (long long)tag);
+                               "element %d refers to node number %lld, which does not exist", gmsh->reader->element,
+                               (long long)tag);
     return sbi_loader_cell_node(gmsh->loader, node, 0);
 }
 
@@ -15175,8 +15109,7 @@ static sb_result sbi_gmsh_nodes_4(sbi_gmsh *gmsh)
 {
     int blocks = 0, count = 0;
     int64_t unused = 0;
-    sb_result result =
-        sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
+    sb_result result = sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
     if (!result)
         result = sbi_gmsh_count(gmsh, "the number of nodes", 24 + (size_t)sbi_gmsh_tag_bytes(gmsh), 4, &count);
     for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
@@ -15225,9 +15158,8 @@ static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag,
     if (gmsh->entity_count == INT_MAX)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 entities");
     if (gmsh->entity_count == gmsh->entity_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
-                            gmsh->entity_count + 1, sizeof gmsh->entities[0]);
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
+                                      gmsh->entity_count + 1, sizeof gmsh->entities[0]);
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->entities = (sbi_gmsh_entity *)grown;
@@ -15321,8 +15253,7 @@ static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
     if (scratch && gmsh->entity_order) {
         for (size_t i = 0; i < gmsh->entity_count; i++)
             gmsh->entity_order[i] = (int)i;
-        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before,
-                       gmsh->entities);
+        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before, gmsh->entities);
     } else {
         result = sbi_loader_no_memory(gmsh->loader);
     }
@@ -15357,9 +15288,8 @@ static sb_result sbi_gmsh_find_kind(const sbi_gmsh *gmsh, int64_t number, int *k
 {
     *kind = sbi_cell_kind_of_gmsh(number);
     if (*kind < 0)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "element %d has the unknown gmsh type %lld", gmsh->loader->source_count,
-                               (long long)number);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "element %d has the unknown gmsh type %lld",
+                               gmsh->loader->source_count, (long long)number);
     return SB_OK;
 }
 
@@ -15464,13 +15394,11 @@ static sb_result sbi_gmsh_binary_block(sbi_gmsh *gmsh, int left, int *count)
     if (!result)
         result = sbi_gmsh_find_kind(gmsh, header[0], &kind);
     if (!result)
-        result =
-            sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
+        result = sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
     if (!result)
         result = sbi_reader_check_count(gmsh->reader, "the number of tags", header[2], 4, &tags);
     if (!result && (*count > left || *count == 0))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left",
-                               *count, left);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left", *count, left);
     for (int i = 0; i < *count && !result; i++) {
         sbi_loader_begin_cell(gmsh->loader);
         result = sbi_gmsh_integer(gmsh, "element number", &header[0]);
@@ -15632,8 +15560,9 @@ static sb_result sbi_gmsh_names(sbi_gmsh *gmsh)
             return sbi_reader_fail(reader, SB_ERROR_FORMAT, "physical group %lld of dimension %lld", (long long)number,
                                    (long long)first);
         if (!sbi_gmsh_quoted(reader, &text))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the name of physical group %lld is not between quotation "
-                                                            "marks",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                                   "the name of physical group %lld is not between quotation "
+                                   "marks",
                                    (long long)number);
         result = sbi_loader_add_name(gmsh->loader, with_dimension ? (int)first : -1, (int)number, text);
     }
@@ -15711,7 +15640,8 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     char text[32];
     sb_result result;
     int old_nodes = sbi_word_is(keyword, "$NOD"), old_elements = sbi_word_is(keyword, "$ELM");
-    int elements = old_elements || sbi_word_is(keyword, "$Elements"), nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
+    int elements = old_elements || sbi_word_is(keyword, "$Elements"),
+        nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
     int entities = sbi_word_is(keyword, "$Entities"), format = sbi_word_is(keyword, "$MeshFormat");
     int names = sbi_word_is(keyword, "$PhysicalNames");
     if (keyword.length < 2 || keyword.text[0] != '$')
@@ -15720,8 +15650,7 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     name.text++;
     name.length--;
     if (sbi_word_is(keyword, "$PartitionedEntities"))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "partitioned gmsh meshes are not supported");
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "partitioned gmsh meshes are not supported");
     if (!gmsh->version && (old_nodes || old_elements))
         gmsh->version = 10; /* the only one without $MeshFormat */
     if (gmsh->version != 10 && (old_nodes || old_elements))
@@ -15797,8 +15726,8 @@ enum { SBI_MEDIT_DIMENSION = 3, SBI_MEDIT_VERTICES = 4, SBI_MEDIT_END = 54 };
 static const sbi_medit_section *sbi_medit_find(sbi_word name, int64_t code)
 {
     static const sbi_medit_section sections[] = {
-        {"Edges", 5, 3},        {"Triangles", 6, 5},    {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
-        {"Prisms", 9, 13},      {"Hexahedra", 10, 12},  {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
+        {"Edges", 5, 3},         {"Triangles", 6, 5},   {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
+        {"Prisms", 9, 13},       {"Hexahedra", 10, 12}, {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
         {"TrianglesP2", 24, 22}, {"EdgesP2", 25, 21},   {"TetrahedraP2", 30, 24}};
     for (size_t i = 0; i < sizeof sections / sizeof sections[0]; i++)
         if (name.length ? sbi_word_is(name, sections[i].name) : sections[i].code == code)
@@ -15844,9 +15773,9 @@ static sb_result sbi_medit_count(sbi_medit *medit, const char *what, int numbers
 {
     int64_t value = 0;
     sb_result result = sbi_medit_integer(medit, what, &value);
-    return result ? result
-                  : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers,
-                                           count);
+    return result
+               ? result
+               : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers, count);
 }
 
 /* ---- sections ---- */
@@ -15886,8 +15815,7 @@ static sb_result sbi_medit_reference(sbi_medit *medit, int *region)
     if (!result && (reference < INT_MIN || reference > INT_MAX))
         return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "reference %lld is too large", (long long)reference);
     *region = (int)reference;
-    return result ? result
-                  : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
+    return result ? result : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
 }
 
 static sb_result sbi_medit_cells(sbi_medit *medit, const sbi_medit_section *section)
@@ -16251,8 +16179,7 @@ static void sbi_inflate_block(sbi_inflater *z, const sbi_inflate_code *literals,
             return;
         /* 1 2 3 4, then two of each number of extra bits */
         distance = symbol < 4 ? symbol + 1
-                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) +
-                                    (int)sbi_inflate_bits(z, symbol / 2 - 1);
+                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) + (int)sbi_inflate_bits(z, symbol / 2 - 1);
         if (!z->wrong)
             sbi_inflate_copy(z, (size_t)length, (size_t)distance);
     }
@@ -16457,7 +16384,8 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     for (size_t i = 0; i < 8; i++)
         tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
     length = out_end - *out_size;
-    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) ||
+        tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
         return "its checksum is wrong";
     if (size - end > 8)
         return "something follows its end";
@@ -16708,11 +16636,11 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
-    int image;       /* ImageData, and the loader wants an image */
-    int extent[6];   /* of the image: first and last point along each axis */
-    int labels_in_cells; /* where the array lies that `regions` holds */
-    int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
-    sbi_word compressor; /* its name */
+    int image;              /* ImageData, and the loader wants an image */
+    int extent[6];          /* of the image: first and last point along each axis */
+    int labels_in_cells;    /* where the array lies that `regions` holds */
+    int compressed;         /* 1: by zlib, 2: by something else; ASCII arrays never are */
+    sbi_word compressor;    /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
     size_t appended;        /* first byte behind the "_"; 0: there is no appended data */
     sbi_vtu_format appended_format;
@@ -17064,8 +16992,8 @@ static sb_result sbi_vtu_read_cell(sbi_vtu *vtu, int list, sbi_vtu_list *read, i
         return sbi_reader_fail(&read->types.reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", cell,
                                (long long)type);
     if (end < read->offset)
-        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT, "the offset of cell %d is %lld, less than before",
-                               cell, (long long)end);
+        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT,
+                               "the offset of cell %d is %lld, less than before", cell, (long long)end);
     for (; read->offset < end && !result; read->offset++) {
         result = sbi_vtu_integer(&read->connectivity, "node index", &node);
         if (!result && (node < 0 || node >= vtu->point_count))
@@ -17306,8 +17234,8 @@ static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
-    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
-                                                      "NumberOfStrips"};
+    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines",
+                                                      "NumberOfPolys", "NumberOfStrips"};
     sb_result result;
     if (!vtu->has_grid || vtu->in_piece)
         return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "<Piece> where none should be");
@@ -17329,8 +17257,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 /* Type, components and place of the values. */
 static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
 {
-    static const char types[10][8] = {"Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64", "Float32",
-                                      "Float64"};
+    static const char types[10][8] = {"Int8",   "Int16",  "Int32",  "Int64",   "UInt8",
+                                      "UInt16", "UInt32", "UInt64", "Float32", "Float64"};
     sbi_reader *reader = &vtu->loader->reader;
     const char *end;
     sbi_word word;
@@ -17352,7 +17280,8 @@ static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
         return result;
     array->text = *reader;
     array->text.big_endian = vtu->big_endian;
-    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader)) : NULL;
+    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader))
+                                    : NULL;
     array->text.size = end ? (size_t)(end - reader->data) : reader->size;
     if (!sbi_xml_attribute(&vtu->xml, "format", &word) || sbi_word_is(word, "ascii"))
         return SB_OK;
@@ -17426,8 +17355,8 @@ static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_start(sbi_vtu *vtu)
 {
-    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells", "Verts", "Lines", "Polys", "Strips", "Points",
-                                                         "PointData", "CellData"};
+    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells",  "Verts",  "Lines",     "Polys",
+                                                         "Strips", "Points", "PointData", "CellData"};
     sbi_word name = vtu->xml.name;
     char text[32];
     if (!vtu->has_file && !sbi_word_equals(name, "VTKFile"))
@@ -17542,8 +17471,7 @@ static sb_result sbi_tetgen_end_row(sbi_reader *reader)
     char text[32];
     if (!sbi_reader_line_word(reader, &word))
         return SB_OK;
-    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end",
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end", sbi_word_print(word, text));
 }
 
 static sb_result sbi_tetgen_end_file(sbi_reader *reader)
@@ -17570,8 +17498,7 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
     if (!result)
         result = sbi_reader_integer(reader, "dimension", &dimension);
     if (!result && dimension != 3)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld",
-                               (long long)dimension);
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld", (long long)dimension);
     if (!result)
         result = sbi_tetgen_optional(reader, "the number of attributes", &attributes);
     if (!result)
@@ -17589,14 +17516,12 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
         if (i == 0)
             *base = number;
         if (!result && (number != *base + i || *base < 0 || *base > 1))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                                   "point number %lld: points are numbered from 0 or 1 on",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "point number %lld: points are numbered from 0 or 1 on",
                                    (long long)number);
         if (!result)
             result = sbi_loader_read_node(loader);
         if (!result)
-            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers,
-                                           "the attributes of a point");
+            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers, "the attributes of a point");
         if (!result)
             result = sbi_tetgen_end_row(reader);
     }
@@ -17672,8 +17597,7 @@ static sb_result sbi_tetgen_element(sbi_loader *loader, int corners, int attribu
     if (!result)
         result = sbi_tetgen_end_row(reader);
     return result ? result
-                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME,
-                                        region);
+                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME, region);
 }
 
 /* Tetrahedra, nodes of each (4 or 10), attributes of each; then number, nodes, attributes. */
@@ -17719,8 +17643,7 @@ static sb_result sbi_surface_expect(sbi_reader *reader, const char *keyword)
     if (!sbi_reader_word(reader, &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends where %s should be", keyword);
     if (!sbi_word_is(word, keyword))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text),
-                               keyword);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text), keyword);
     return SB_OK;
 }
 
@@ -17884,8 +17807,7 @@ static sb_result sbi_stl_binary(sbi_loader *loader)
     count = sbi_stl_count(reader->data);
     reader->at = SBI_STL_HEADER;
     if (!sbi_stl_is_binary(reader->data, reader->size))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                               "the file says %llu facets, but has %llu bytes for them",
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file says %llu facets, but has %llu bytes for them",
                                (unsigned long long)count, (unsigned long long)sbi_reader_left(reader));
     if (count > INT_MAX / 3)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
@@ -17944,8 +17866,8 @@ static sb_result sbi_stl_ascii(sbi_loader *loader)
             inside = !inside;
             sbi_reader_next_line(reader);
         } else {
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be",
-                                   sbi_word_print(word, text), inside ? "facet or endsolid" : "solid");
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be", sbi_word_print(word, text),
+                                   inside ? "facet or endsolid" : "solid");
         }
     }
     if (!result && inside)
@@ -18034,7 +17956,7 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
 
 typedef enum sbi_ply_role {
     SBI_PLY_OTHER = 0,
-    SBI_PLY_X = 1,      /* y and z follow */
+    SBI_PLY_X = 1,       /* y and z follow */
     SBI_PLY_CORNERS = 4, /* the list of a face */
     SBI_PLY_NX = 5       /* ny and nz follow */
 } sbi_ply_role;
@@ -18099,8 +18021,7 @@ static sb_result sbi_ply_read_type(sbi_ply *ply, const sbi_ply_type **type)
         return result;
     *type = sbi_ply_find_type(word);
     if (!*type)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -18114,8 +18035,7 @@ static sb_result sbi_ply_add_element(sbi_ply *ply)
     if (!result)
         result = sbi_reader_integer(ply->reader, "the number of rows", &rows);
     if (!result && rows < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld",
-                               (long long)rows);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld", (long long)rows);
     if (result)
         return result;
     if (ply->element_count == ply->element_capacity) {
@@ -18172,9 +18092,8 @@ static sb_result sbi_ply_add_property(sbi_ply *ply)
         return result;
     property.role = sbi_ply_find_role(ply, &property, name);
     if (ply->property_count == ply->property_capacity) {
-        void *grown =
-            sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
-                            ply->property_count + 1, sizeof ply->properties[0]);
+        void *grown = sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
+                                      ply->property_count + 1, sizeof ply->properties[0]);
         if (!grown)
             return sbi_loader_no_memory(ply->loader);
         ply->properties = (sbi_ply_property *)grown;
@@ -18196,8 +18115,7 @@ static sb_result sbi_ply_format(sbi_ply *ply, int *binary)
     ply->reader->big_endian = sbi_word_is(word, "binary_big_endian");
     *binary = !ply->ascii;
     if (*binary && !ply->reader->big_endian && !sbi_word_is(word, "binary_little_endian"))
-        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -18220,8 +18138,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
         else if (sbi_word_is(word, "property"))
             result = sbi_ply_add_property(ply);
         else if (!sbi_word_is(word, "comment") && !sbi_word_is(word, "obj_info"))
-            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header",
-                                   sbi_word_print(word, text));
+            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header", sbi_word_print(word, text));
     }
     if (!result && binary < 0)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
@@ -18268,9 +18185,8 @@ static sb_result sbi_ply_skip(sbi_ply *ply, const sbi_ply_property *property, in
                                (long long)count);
     if (ply->ascii)
         return sbi_reader_skip_words(ply->reader, (size_t)count, "a PLY row");
-    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row")
-               ? SB_OK
-               : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row") ? SB_OK
+                                                                                                   : SB_ERROR_FORMAT;
 }
 
 static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
@@ -18278,8 +18194,7 @@ static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
     int64_t count = 0, corner = 0;
     sb_result result = sbi_ply_integer(ply, property->count, "the length of a list", &count);
     if (!result && count < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld",
-                               (long long)count);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld", (long long)count);
     if (result || property->role != SBI_PLY_CORNERS)
         return result ? result : sbi_ply_skip(ply, property, count);
     sbi_loader_begin_cell(ply->loader);
@@ -18387,8 +18302,7 @@ static sb_result sbi_off_keyword(sbi_reader *reader, int *extras)
     if (rest.length == 3 && memcmp(rest.text, "OFF", 3) == 0)
         return SB_OK;
     if (word.length > 3 && memcmp(word.text + word.length - 3, "OFF", 3) == 0)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
-                               "%s is not supported: OFF of three coordinates is",
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "%s is not supported: OFF of three coordinates is",
                                sbi_word_print(word, text));
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of OFF", sbi_word_print(word, text));
 }
@@ -18456,8 +18370,7 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     for (int i = 0; i < counts[1] && !result; i++)
         result = sbi_off_face(loader);
     if (!result && sbi_reader_word(reader, &word))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face", sbi_word_print(word, text));
     return result;
 }
 #endif /* !defined(SB_NO_FILES) */
@@ -18689,7 +18602,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     sb_image made;
     sb_error error;
     if (!voxels->labels)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT,
+                               "the image has no array of one number per point or cell");
     memset(&made, 0, sizeof made);
     origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
     spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
@@ -18710,8 +18624,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     made.labels = voxels->labels;
     made.allocator = loader->allocator;
     if (sb_image_check(&made, &error) != SB_OK)
-        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
-                               error.message);
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result,
+                               "%s", error.message);
     voxels->labels = NULL;
     *image = made;
     return SB_OK;
@@ -18947,8 +18861,8 @@ static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
 {
     sb_result result = sbi_header_integer(line, "the dimension", dimension);
     if (!result && *dimension != 2 && *dimension != 3)
-        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
-                               *dimension);
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "an image of %d dimensions: label images have 3, or 2", *dimension);
     return result;
 }
 
@@ -18966,8 +18880,8 @@ static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
         char name[16];
         char class_;
         int size;
-    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
-                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1},  {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},   {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
                  {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
     char text[32];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
@@ -19017,7 +18931,8 @@ static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
 
 static int sbi_meta_is_true(const sbi_header_line *line)
 {
-    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+    return line->rest.length > 0 &&
+           (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
 }
 
 /* A line other than ElementDataFile. */
@@ -19123,8 +19038,8 @@ static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
     static const struct {
         char name[8];
         sbi_voxel_encoding encoding;
-    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
-                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT}, {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP},  {"gzip", SBI_VOXELS_GZIP}};
     char text[32];
     nrrd->has_encoding = 1;
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
@@ -19232,10 +19147,10 @@ static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
 
 static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
 {
-    const char *missing = !nrrd->has_counts       ? "sizes"
-                          : !nrrd->data->class_   ? "type"
-                          : !nrrd->has_encoding   ? "encoding"
-                                                  : NULL;
+    const char *missing = !nrrd->has_counts     ? "sizes"
+                          : !nrrd->data->class_ ? "type"
+                          : !nrrd->has_encoding ? "encoding"
+                                                : NULL;
     if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
         missing = "endian";
     return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;
@@ -19292,8 +19207,8 @@ SB_API sb_label_def sb_default_label_def(void)
 
 typedef struct sbi_field_box {
     const sb_label_def *def;
-    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
-    int counts[3];  /* of values along each axis */
+    int low[3];    /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3]; /* of values along each axis */
     size_t strides[3];
     float *filtered; /* [counts[2]][counts[1]][counts[0]] */
     float *values;   /* of the same size: what is marched, each on its side */
@@ -19320,9 +19235,9 @@ static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
     for (int axis = 0; axis < 3; axis++)
         if (at[axis] < 0 || at[axis] >= image->counts[axis])
             return 0;
-    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
-                                                           (size_t)image->counts[0] +
-                                                       (size_t)at[0]]);
+    return sbi_label_is_chosen(
+        box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) * (size_t)image->counts[0] +
+                                (size_t)at[0]]);
 }
 
 /* The box of the chosen voxels and how many there are. */
@@ -19388,10 +19303,12 @@ static void sbi_field_filter(const sbi_field_box *box, float *values)
             sbi_field_filter_axis(box, values, axis);
 }
 
-/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
+/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are
+ * none. */
 static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
 {
-    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *value =
+        box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
     float sum = 0;
     int count = 0;
     for (int axis = 0; axis < 3; axis++)
@@ -19430,8 +19347,8 @@ static void sbi_field_hold(sbi_field_box *box, float level)
             }
 }
 
-/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the filter's
- * width, which GG has sqrt(2) times: with these weights the two cancel. */
+/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the
+ * filter's width, which GG has sqrt(2) times: with these weights the two cancel. */
 static void sbi_field_make(sbi_field_box *box)
 {
     const float once = 3.41421356f, twice = 2.41421356f; /* 2 + sqrt(2), 1 + sqrt(2) */
@@ -19448,8 +19365,8 @@ static void sbi_field_make(sbi_field_box *box)
 }
 
 /* ==== marching cubes ==================================================================================
- * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other two
- * axes, the next one first (x: y z, y: z x, z: x y). */
+ * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other
+ * two axes, the next one first (x: y z, y: z x, z: x y). */
 
 enum { SBI_CUBE_EDGES = 12, SBI_CUBE_FACES = 6 };
 
@@ -19458,13 +19375,12 @@ typedef struct sbi_cube_face {
     unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
 } sbi_cube_face;
 
-static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
-    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
-    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
-    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
-    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
-    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
-    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {{{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+                                                             {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+                                                             {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+                                                             {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+                                                             {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+                                                             {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
 
 /* Lower corner and axis of an edge. */
 static int sbi_cube_edge_axis(int edge) { return edge / 4; }
@@ -19477,9 +19393,9 @@ static int sbi_cube_edge_corner(int edge)
 typedef struct sbi_march {
     sbi_field_box *box;
     sbi_image_frame frame;
-    int mirrored;       /* the axes are left-handed: triangles turn round */
-    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
-    sb_vec3 *nodes;     /* NULL while they are counted */
+    int mirrored;    /* the axes are left-handed: triangles turn round */
+    int *rows[3][2]; /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;  /* NULL while they are counted */
     int *triangles;
     int64_t node_count, triangle_count;
 } sbi_march;
@@ -19536,8 +19452,8 @@ static void sbi_march_triangle(sbi_march *march, int a, int b, int c)
     march->triangle_count++;
 }
 
-/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose corners
- * alternate each corner inside is cut off by itself. */
+/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose
+ * corners alternate each corner inside is cut off by itself. */
 static void sbi_cube_link(int inside, signed char next[SBI_CUBE_EDGES])
 {
     memset(next, -1, SBI_CUBE_EDGES);
@@ -19602,12 +19518,14 @@ static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, 
 static void sbi_march_cube(sbi_march *march, const int at[3])
 {
     const sbi_field_box *box = march->box;
-    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *values =
+        box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
     signed char next[SBI_CUBE_EDGES];
     int inside = 0;
     for (int c = 0; c < 8; c++)
-        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
-                  << c;
+        inside |=
+            (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+            << c;
     if (inside == 0 || inside == 255)
         return;
     sbi_cube_link(inside, next);
@@ -19714,7 +19632,8 @@ static sb_real sbi_label_set_level(sbi_march *march, float level, const sb_mesh 
 }
 
 /* Finds the level at which the volume is that of the voxels, by false position (Illinois). Where none within the bounds
- * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's sake. */
+ * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's
+ * sake. */
 static void sbi_label_fit_volume(sbi_march *march, sb_real wanted, const sb_mesh *mesh)
 {
     const float bound = 0.125f;
@@ -19807,13 +19726,15 @@ SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_lab
 
 /* ==== regions ========================================================================================= */
 
-/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none has. */
+/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none
+ * has. */
 static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
 {
     sb_real nearest = SB_REAL_MAX;
     int found = 0;
     for (int n = 0; n < 125; n++) {
-        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        sb_vec3 step =
+            sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
         int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
         sb_real distance = sb_v3_norm(step);
         if (label != 0 && distance < nearest) {
@@ -19865,7 +19786,8 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
     if (!mesh->regions) {
         mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
         if (!mesh->regions)
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements",
+                            mesh->element_count);
     }
     frame = sbi_image_get_frame(image);
     for (int e = 0; e < mesh->element_count; e++)
@@ -19885,16 +19807,16 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
 #include <string.h>
 
 enum {
-    SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
-    SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
     SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
     SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
-    SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
     SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
     SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
-    SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
+    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
     SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
@@ -19906,11 +19828,11 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
-#define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
-#define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
-#define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
-#define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
+#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
+#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
 /* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
@@ -20031,9 +19953,9 @@ enum {
     SBI_LEAF_ORIGIN = 0,
     SBI_LEAF_ALONG = 3,
     SBI_LEAF_ACROSS = 6,
-    SBI_LEAF_AB = 9,          /* length */
-    SBI_LEAF_C = 10,          /* coordinates of C */
-    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_AB = 9,  /* length */
+    SBI_LEAF_C = 10,  /* coordinates of C */
+    SBI_LEAF_AC = 12, /* 1 / length^2, 0 for no length */
     SBI_LEAF_BC = 13,
     SBI_LEAF_SIZE = 14
 };
@@ -20061,23 +19983,23 @@ struct sb_surface {
     size_t bytes;
     void *block; /* what the allocator gave; the surface begins at its first cache line */
     int node_count, triangle_count, tree_count, leaf_count;
-    int unbalanced; /* edges not run through as often one way as the other */
-    sb_vec3 *nodes;        /* [node_count] scaled */
-    int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
-    int *element;          /* [triangle_count] */
-    unsigned char *shape;  /* [triangle_count] sound, thin or flat */
-    unsigned char *pinched;/* [node_count] 1: parts touch in this node */
-    int *fan_start;        /* [node_count + 1] */
-    int *fan;              /* [3 triangle_count] 3 triangle + corner, by node */
-    sb_vec3 *normal;       /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
+    int unbalanced;         /* edges not run through as often one way as the other */
+    sb_vec3 *nodes;         /* [node_count] scaled */
+    int (*corners)[3];      /* [triangle_count] */
+    int (*mate)[3];         /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
+    int *element;           /* [triangle_count] */
+    unsigned char *shape;   /* [triangle_count] sound, thin or flat */
+    unsigned char *pinched; /* [node_count] 1: parts touch in this node */
+    int *fan_start;         /* [node_count + 1] */
+    int *fan;               /* [3 triangle_count] 3 triangle + corner, by node */
+    sb_vec3 *normal;        /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
     sbi_surface_node *tree;
     sbi_surface_cluster *cluster; /* [tree_count] */
     sbi_surface_leaf *leaf;
-    int *leaf_slot;        /* [leaf_count] 4 parent + child */
-    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
-    sb_vec3 low, high;     /* m */
-    sb_vec3 centre;        /* scaled */
+    int *leaf_slot;      /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3]; /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
+    sb_vec3 low, high;   /* m */
+    sb_vec3 centre;      /* scaled */
     sb_real scale, inverse;
 };
 
@@ -20663,11 +20585,11 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
     int count;
-    float (*box)[8];  /* [count] low and high, four each for the width of a load, in any units */
-    int *order;       /* [count] */
+    float (*box)[8];                 /* [count] low and high, four each for the width of a load, in any units */
+    int *order;                      /* [count] */
     int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
-    int *slot;        /* [count] of each node in its parent */
-    int (*leaf)[2];   /* [count] places in the order: from, to */
+    int *slot;                       /* [count] of each node in its parent */
+    int (*leaf)[2];                  /* [count] places in the order: from, to */
     int tree_count, leaf_count;
 } sbi_surface_build;
 
@@ -21055,8 +20977,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                            mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;
@@ -21269,10 +21191,9 @@ SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_a
     double la, lb, lc;
     a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
     la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
-    sbi_surface_angle_add(sum,
-                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
-                              (double)sb_v3_dot(c, a) * lb,
-                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+    sbi_surface_angle_add(
+        sum, la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la + (double)sb_v3_dot(c, a) * lb,
+        (double)sb_v3_dot(a, sb_v3_cross(b, c)));
 }
 
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)
@@ -21475,11 +21396,11 @@ typedef struct sbi_surface_candidate {
  * and few candidates are left to be computed in sb_real at its end. */
 typedef struct sbi_surface_search {
     sb_vec3 point;
-    float p[3];     /* local */
+    float p[3]; /* local */
     sb_real slack;
-    float nearest;  /* square: smallest distance from a leaf */
-    float limit;    /* square: what is above cannot win */
-    int triangle;   /* best so far, or -1 */
+    float nearest; /* square: smallest distance from a leaf */
+    float limit;   /* square: what is above cannot win */
+    int triangle;  /* best so far, or -1 */
     sbi_surface_spot best;
     int kept;
     sbi_surface_candidate candidate[SBI_SURFACE_KEPT];
@@ -21662,8 +21583,7 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
 {
     float square[SBI_SURFACE_WIDTH];
     uint64_t visit[SBI_SURFACE_WIDTH];
-    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p),
-                                        sbi_surface_coin_squares(node, q->p)));
+    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p), sbi_surface_coin_squares(node, q->p)));
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
         visit[k] = sbi_surface_visit(square[k], node->child[k]);
     sbi_surface_order(visit, visit + 1);
@@ -22010,13 +21930,13 @@ SB_API void sb_surface_inside_batch(const sb_surface *surface, const sb_vec3 *po
 typedef struct sbi_surface_beam {
     sb_vec3 origin, direction; /* unit */
     sb_real best, start;
-    int axis[3];               /* axis[2]: where the direction is largest */
+    int axis[3]; /* axis[2]: where the direction is largest */
     sb_real shear[3];
-    float p[3], inverse[3];    /* local start; 1 / direction, or huge */
-    float reach;               /* best beyond start, rounded up */
-    int triangle;              /* or -1 */
-    sb_real weight[2];         /* of corners 1 and 2 */
-    sb_surface_hit *hits;      /* all hits, a list of the nearest; NULL: first hit only */
+    float p[3], inverse[3]; /* local start; 1 / direction, or huge */
+    float reach;            /* best beyond start, rounded up */
+    int triangle;           /* or -1 */
+    sb_real weight[2];      /* of corners 1 and 2 */
+    sb_surface_hit *hits;   /* all hits, a list of the nearest; NULL: first hit only */
     int count, capacity, all;
 } sbi_surface_beam;
 
@@ -22254,8 +22174,8 @@ SB_API int sb_surface_ray_all(const sb_surface *surface, sb_vec3 origin, sb_vec3
  * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
  * left out. Three kinds of surface would still make that quadratic, and each has its own answer:
  *
- *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only cross
- *              where their arcs do, seen from the node: a tree over the arcs finds the pairs
+ *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only
+ *              cross where their arcs do, seen from the node: a tree over the arcs finds the pairs
  *   wide ones  a triangle with hundreds of small ones on it: put off, then the small ones look for the few wide ones
  *   crowds     hundreds on hundreds, coincident or stacked closer than float boxes can tell apart: when they cross,
  *              counting ends after SBI_CROSSING_PAIRS for each triangle; when they do not, the search gives up and
@@ -22381,36 +22301,36 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
 /* ---- the search ---------------------------------------------------------------------------------------------- */
 
 enum {
-    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
-    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
-    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
-    SBI_CROSSING_MORE = 1024   /* and so many more */
+    SBI_CROSSING_STEPS = 256, /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
+    SBI_CROSSING_FAN = 64,    /* triangles round a node that make it a hub */
+    SBI_CROSSING_PAIRS = 16,  /* pairs for each triangle that are counted, */
+    SBI_CROSSING_MORE = 1024  /* and so many more */
 };
 
 /* What lasts over a search. */
 typedef struct sbi_crossing {
     const sb_surface *s;
     const sb_allocator *allocator;
-    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
+    unsigned char *crossing; /* [triangles] 1: crosses another; or NULL */
     sb_surface_place *crossings, *crowds;
-    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
-    int most;                    /* pairs after which counting ends */
-    int partial;                 /* 1: pairs may be missing */
+    int *hub;    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
+    int most;    /* pairs after which counting ends */
+    int partial; /* 1: pairs may be missing */
 } sbi_crossing;
 
 /* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
 typedef struct sbi_crossing_tree {
     const sb_surface *tree;
-    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
+    const int *names;                     /* [tree triangles] number in the surface, ascending; NULL: the same */
     int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
-    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
+    int skips_fans;                       /* 1: pairs of one hub are found elsewhere */
 } sbi_crossing_tree;
 
 /* One triangle that looks for partners, in local coordinates of the tree. */
 typedef struct sbi_crossing_seeker {
-    int name;             /* in the surface */
-    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
-    int hub;              /* whose triangles are left out; -1: none */
+    int name;     /* in the surface */
+    int is_after; /* looks for partners with lower numbers; else for those with higher ones */
+    int hub;      /* whose triangles are left out; -1: none */
     int steps;
     float corner[3][3], low[3], high[3], normal[3], offset;
 } sbi_crossing_seeker;
@@ -22798,7 +22718,8 @@ static int sbi_inside_out_looks_inward(const sb_surface *s, int triangle)
     size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
     middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
     off = sb_v3_scale(sb_sqrt(SB_EPSILON) * size, sbi_surface_unit_normal(s, triangle));
-    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 && sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
+    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 &&
+           sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
 }
 
 /* Lists the triangles that share nodes with list[0], each marked; returns how many. */
@@ -22853,18 +22774,18 @@ SBI_API int sbi_surface_find_inside_out(const sb_surface *s, const sb_allocator 
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
-    SBI_FOUND_OPEN = 0,
-    SBI_FOUND_FLIPPED = 1,
-    SBI_FOUND_EDGE = 2,
-    SBI_FOUND_NODE = 3,
-    SBI_FOUND_DEGENERATE = 4,
-    SBI_FOUND_DUPLICATE = 5,
-    SBI_FOUND_UNWELDED = 6,
-    SBI_FOUND_INSIDE_OUT = 7,
-    SBI_FOUND_CROSSING = 8,
-    SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10,
-    SBI_FOUND_CROWDED = 11
+       SBI_FOUND_OPEN = 0,
+       SBI_FOUND_FLIPPED = 1,
+       SBI_FOUND_EDGE = 2,
+       SBI_FOUND_NODE = 3,
+       SBI_FOUND_DEGENERATE = 4,
+       SBI_FOUND_DUPLICATE = 5,
+       SBI_FOUND_UNWELDED = 6,
+       SBI_FOUND_INSIDE_OUT = 7,
+       SBI_FOUND_CROSSING = 8,
+       SBI_FOUND_UNREFERENCED = 9,
+       SBI_FOUND_PARTS = 10,
+       SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -22936,7 +22857,8 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
         int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                          mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (s->pinched[v] && !nonmanifold) {
             place->node = v;
@@ -22951,12 +22873,12 @@ typedef struct sbi_found_scratch {
     sb_surface *surface;
     sb_mesh_report mesh;
     sbi_mesh_keys edges;
-    sb_index_table part;        /* part of each element */
-    unsigned char *skip;        /* [elements] faces with a node twice */
-    int *representative;        /* [nodes] */
-    double *volume;             /* [parts] */
-    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
-    unsigned char *open;        /* [parts] 1: not closed, or not consistent */
+    sb_index_table part; /* part of each element */
+    unsigned char *skip; /* [elements] faces with a node twice */
+    int *representative; /* [nodes] */
+    double *volume;      /* [parts] */
+    int *first, *order;  /* [parts + 1], [triangles] triangles by part */
+    unsigned char *open; /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
 
@@ -23179,8 +23101,8 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
                                     sb_surface_report *report, sb_error *error)
 {
     sb_surface_report found;
-    sb_result result = sbi_found_check(mesh, (findings & SB_SURFACE_SELF_CROSSING) != 0 || report, allocator, &found,
-                                       error);
+    sb_result result =
+        sbi_found_check(mesh, (findings & SB_SURFACE_SELF_CROSSING) != 0 || report, allocator, &found, error);
     if (result != SB_OK)
         return result;
     if (report)
@@ -23348,9 +23270,9 @@ enum { SBI_HOLE_LONGEST = 256 };
 typedef struct sbi_hole {
     const sb_surface *s;
     int count;
-    int node[SBI_HOLE_LONGEST];                                  /* along the border, as the new triangles go */
-    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];            /* least area between nodes i and j */
-    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];      /* third corner of the triangle on i, j */
+    int node[SBI_HOLE_LONGEST];                             /* along the border, as the new triangles go */
+    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];       /* least area between nodes i and j */
+    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST]; /* third corner of the triangle on i, j */
 } sbi_hole;
 
 /* Area of a new triangle; infinite where it would have none. */
@@ -23598,13 +23520,13 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
 /* ---- stuffing_lattice.c ---- */
 
 #define SBI_STUFF_COOKIE 0x53545546u
-#define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
-#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285)   /* parts of an edge within which its end is warped to the cut */
+#define SBI_STUFF_BLOCK 16                    /* half cells along a block of sampling: 8 cells */
+#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285) /* parts of an edge within which its end is warped to the cut */
 #define SBI_STUFF_ALPHA_SHORT ((sb_real)0.3975)
 #define SBI_STUFF_SHORT ((sb_real)0.8660254037844386) /* length of a short edge in cells */
 #define SBI_STUFF_MAX_LEVELS 8
-#define SBI_STUFF_EDGES 7          /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
-#define SBI_STUFF_CHUNK 128        /* surface points per task */
+#define SBI_STUFF_EDGES 7   /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
+#define SBI_STUFF_CHUNK 128 /* surface points per task */
 
 /* A set of lattice points that numbers its members in lattice order: count before each word, and bits within it. */
 typedef struct sbi_stuffing_set {
@@ -23623,9 +23545,9 @@ typedef enum sbi_stuffing_state {
 /* A point with an edge to another label. */
 typedef struct sbi_stuffing_point {
     int half[3];
-    int active;             /* its number among the points of the mesh */
+    int active; /* its number among the points of the mesh */
     unsigned char label, state;
-    sb_real moved;          /* distance from its place in the lattice, in cells */
+    sb_real moved;                /* distance from its place in the lattice, in cells */
     sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
 } sbi_stuffing_point;
 
@@ -23638,29 +23560,29 @@ typedef struct sbi_stuffing {
     const sb_stuff_def *def;
     sb_error *error;
     sb_vec3 low, high, origin;
-    int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
-    sb_real half;                 /* m, half a cell */
-    int n[3];                     /* cells, multiples of 2^levels */
-    size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
-    size_t point_count;           /* of the lattice: two per cell, cells of the last layer half used */
-    unsigned char *labels;        /* [point_count] 1 + shape, 0 outside */
+    int attempt;           /* 0: the lattice is centred; each other number shifts it in its own way */
+    double *reported;      /* fraction that the progress callback was notified of, over all attempts */
+    sb_real half;          /* m, half a cell */
+    int n[3];              /* cells, multiples of 2^levels */
+    size_t stride[3];      /* of cells in labels: 1, n + 1, ... */
+    size_t point_count;    /* of the lattice: two per cell, cells of the last layer half used */
+    unsigned char *labels; /* [point_count] 1 + shape, 0 outside */
     unsigned char *split[SBI_STUFF_MAX_LEVELS + 1]; /* 1: this cell of size 2^level is made of smaller ones */
     sbi_stuffing_set surface, active;
     int tet_count;
-    int *tets;                    /* [tet_count][4] active points */
-    sb_vec3 *positions;           /* [active.count] */
-    unsigned char *active_label;  /* [active.count] */
-    int *point_of;                /* [active.count] surface point, or -1 */
-    sbi_stuffing_point *points;   /* [surface.count] */
-    sb_real *values;              /* [surface.count][shapes] distances, where an edge needs them */
+    int *tets;                      /* [tet_count][4] active points */
+    sb_vec3 *positions;             /* [active.count] */
+    unsigned char *active_label;    /* [active.count] */
+    int *point_of;                  /* [active.count] surface point, or -1 */
+    sbi_stuffing_point *points;     /* [surface.count] */
+    sb_real *values;                /* [surface.count][shapes] distances, where an edge needs them */
     sbi_stuffing_failure *failures; /* one per task of a slice */
-    int first;                    /* first block or point of the slice that tasks work on */
+    int first;                      /* first block or point of the slice that tasks work on */
     /* what the stencils make */
-    int *cut_node;                /* [surface.count][7] node of the cut, -1: none yet */
+    int *cut_node; /* [surface.count][7] node of the cut, -1: none yet */
     sb_vec3 *cut_positions;
     int cut_count;
-    int *elements;                /* [element_count][4] active points, then cuts */
+    int *elements; /* [element_count][4] active points, then cuts */
     unsigned char *element_labels;
     int element_count, element_capacity;
 } sbi_stuffing;
@@ -23748,13 +23670,13 @@ SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s);
 
 /* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
 typedef struct sbi_stuffing_view {
-    const int *nodes;  /* active points */
+    const int *nodes; /* active points */
     int point[4];
-    int label[4];      /* -1: a zero */
-    int outside;       /* a strict point lies outside: the regions count as one side */
+    int label[4]; /* -1: a zero */
+    int outside;  /* a strict point lies outside: the regions count as one side */
     int zeros, inner_zeros;
-    int a, b;          /* two different labels among the strict, not outside; -1: none */
-    int more;          /* 1: there are further labels */
+    int a, b; /* two different labels among the strict, not outside; -1: none */
+    int more; /* 1: there are further labels */
 } sbi_stuffing_view;
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
@@ -23782,15 +23704,16 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
-#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
-#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
+#define SBI_STUFF_ATTEMPTS 12     /* places of the lattice that are tried while the boundary is too far off */
+#define SBI_STUFF_SPLITS 4        /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 16      /* of a triangle: the first few decide whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7 /* corners, middles of edges, centre */
 
 /* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report);
 
 #endif /* SBI_STUFFING_PRIVATE_H */
 #endif /* !defined(SB_NO_GEOMETRY) */
@@ -23865,10 +23788,7 @@ SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
     return 1;
 }
 
-SBI_API int sbi_stuffing_separator(int a, int b)
-{
-    return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
-}
+SBI_API int sbi_stuffing_separator(int a, int b) { return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1; }
 
 /* ---- the lattice ---- */
 
@@ -23940,7 +23860,8 @@ SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
     *s->reported = fraction > *s->reported ? fraction : *s->reported;
     if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%",
+                        100 * *s->reported);
     return SB_OK;
 }
 
@@ -23971,8 +23892,8 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
-/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
- * -1: not decided; -2: the distance is not finite. */
+/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0,
+ * or -1: not decided; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     const sb_shape *g = s->def->shapes + shape;
@@ -24096,8 +24017,8 @@ SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
     int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
     sb_result result = SB_OK;
     s->labels = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, s->point_count, 1);
-    s->failures = (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64),
-                                                    sizeof *s->failures);
+    s->failures =
+        (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64), sizeof *s->failures);
     if (!s->labels || !s->failures)
         return sbi_stuffing_no_memory(s);
     for (s->first = 0; s->first < layers && result == SB_OK; s->first++) {
@@ -24598,10 +24519,10 @@ SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double
 
 /* One edge of a surface point, seen from it. */
 typedef struct sbi_stuffing_edge {
-    int other;       /* surface point */
+    int other;                /* surface point */
     sb_real fraction, length; /* of the cut from the point; of the edge in cells */
     sb_real alpha;
-    int inner;       /* 1: between two regions; 0: to the outside */
+    int inner; /* 1: between two regions; 0: to the outside */
 } sbi_stuffing_edge;
 
 /* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
@@ -24785,14 +24706,14 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
  * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
  * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles
  * that have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero
- * is freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
- * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
- * boundaries: this ends. */
+ * is freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep
+ * their bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have
+ * manifold boundaries: this ends. */
 
 typedef struct sbi_stuffing_link {
-    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int step[14][3]; /* to the neighbours: 6 long edges, 8 short */
     int triangle[24][3];
-    int beside[24][3];     /* triangle across the edge opposite corner i */
+    int beside[24][3]; /* triangle across the edge opposite corner i */
 } sbi_stuffing_link;
 
 static int sbi_stuffing_has_corner(const int triangle[3], int corner)
@@ -25184,7 +25105,7 @@ SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s)
     if (!s->cut_node || !s->cut_positions || cuts > (size_t)(INT_MAX - s->active.count))
         return sbi_stuffing_no_memory(s);
     memset(s->cut_node, 0xff, edges * sizeof(int)); /* all -1 */
-    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
+    for (int pass = 0; pass < 2; pass++) {          /* count, then fill */
         s->element_count = 0;
         for (int t = 0; t < s->tet_count && s->element_count < INT_MAX - 8; t++)
             sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);
@@ -25383,8 +25304,8 @@ static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node
  * closer to the surface. Returns 1 when it did. */
 static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
 {
-    static const sb_real scales[6][2] = {
-        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    static const sb_real scales[6][2] = {{1, 0}, {(sb_real)0.5, 0},  {2, 0},
+                                         {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
     sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
     sb_real least = 0;
     for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
@@ -25619,7 +25540,8 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
     return result;
 }
 
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;
@@ -25637,7 +25559,7 @@ SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, con
 #include <stdio.h>
 
 enum {
-    SBI_SHARE_LEAST = 400,     /* samples of a shape's surface */
+    SBI_SHARE_LEAST = 400, /* samples of a shape's surface */
     SBI_SHARE_MOST = 20000,
     SBI_SHARE_POINTS = 400000, /* of a box in which a function is sampled */
     SBI_SHARE_STEPS = 200      /* of a search for the far side of a function */
@@ -25652,7 +25574,7 @@ typedef struct sbi_share_sample {
 
 typedef struct sbi_share {
     const sb_stuff_def *def;
-    int number;                /* of the shape */
+    int number; /* of the shape */
     const sb_shape *shape;
     sb_vec3 low, high;         /* box that functions are sampled in */
     sbi_share_sample *samples; /* [SBI_SHARE_MOST] of the surface that lies in the first shape */
@@ -25765,7 +25687,8 @@ static void sbi_share_project(sbi_share *share, sb_vec3 p, sb_real value, sb_rea
         sbi_share_add(share, p, sb_v3_scale((sb_real)1 / sb_sqrt(square), gradient), -1);
 }
 
-/* One random point in each cell of a grid over the box: those inside give the volume, those near the surface samples. */
+/* One random point in each cell of a grid over the box: those inside give the volume, those near the surface
+ * samples. */
 static void sbi_share_sample_function(sbi_share *share)
 {
     sb_vec3 size = sb_v3_sub(share->high, share->low);
@@ -25783,9 +25706,9 @@ static void sbi_share_sample_function(sbi_share *share)
             for (int i = 0; i < (int)n[0]; i++) {
                 sb_vec3 at = sb_v3((sb_real)i + sbi_share_dice(share), (sb_real)j + sbi_share_dice(share),
                                    (sb_real)k + sbi_share_dice(share));
-                sb_vec3 p = sb_v3(share->low.x + at.x * size.x / (sb_real)n[0],
-                                  share->low.y + at.y * size.y / (sb_real)n[1],
-                                  share->low.z + at.z * size.z / (sb_real)n[2]);
+                sb_vec3 p =
+                    sb_v3(share->low.x + at.x * size.x / (sb_real)n[0], share->low.y + at.y * size.y / (sb_real)n[1],
+                          share->low.z + at.z * size.z / (sb_real)n[2]);
                 sb_real value = sbi_share_value(share->shape, p);
                 int is_near = slope == 0 || sb_abs(value) <= slope * h;
                 inside += value < 0 && (share->number == 0 || sbi_share_is_kept(share, p));
@@ -25908,7 +25831,8 @@ static int sbi_share_trusts_volume(const sbi_share *share)
         return 1;
     memset(&crossings, 0, sizeof crossings);
     memset(&crowds, 0, sizeof crowds);
-    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 && crossings.count == 0;
+    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 &&
+           crossings.count == 0;
 }
 
 /* Names the cell that would keep the shape. A third of what may be missing is allowed to be thinner. */
@@ -26073,7 +25997,8 @@ static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_erro
         if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
             return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
         if (triangle >= 0)
-            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+            return sbi_fail_element(error, SB_ERROR_MESH,
+                                    sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
                                     "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
                                     "it): sb_surface_repair turns it",
                                     shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
@@ -26170,8 +26095,8 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
-                                   int cells[3], sb_error *error)
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh,
+                                   sb_real *distance, int cells[3], sb_error *error)
 {
     sbi_stuffing s;
     sb_result result;
@@ -26263,8 +26188,8 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 #endif /* !defined(SB_NO_GEOMETRY) */
 
 /* ==== src/softbody/fem/material_models.h ==== */
-/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks what
- * goes in and comes out.
+/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks
+ * what goes in and comes out.
  *
  * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
  * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. The model is chosen
@@ -26274,10 +26199,7 @@ SB_API sb_result sb_mesh_stuff(const sb_stuff_def *def, sb_mesh *mesh, sb_stuff_
 
 
 /* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i) { return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]); }
 
 /* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
 SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
@@ -26404,8 +26326,7 @@ SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat
 SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
 
 /* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v, sb_tangent_kind kind)
 {
     sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
     sb_mat3 spin;
@@ -26467,8 +26388,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
         sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
         for (int k = i; k < 3; k++) {
             sb_vec3 rk = sbi_material_row(&r, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
+            sb_mat3 block =
+                sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)), sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
             if (i == k)
                 block = sbi_material_affine(1, block, m->mu);
             if (spin)
@@ -26478,8 +26399,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
     }
 }
 
-SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                            const sb_tangent_kind kind, sb_real *A)
 {
     sbi_corotation c = sbi_corotate(model, F, rotation);
     sb_real kappa;
@@ -26518,8 +26439,8 @@ SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb
         sb_vec3 fi = sbi_material_row(F, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
+            sb_mat3 block =
+                sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)), sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
             block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
             sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
         }
@@ -26546,8 +26467,8 @@ SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, s
 }
 
 /* The isochoric family's coefficients; cofactor = cof F. */
-SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F,
-                                            const sb_mat3 *cofactor, sbi_barrier *out)
+SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F, const sb_mat3 *cofactor,
+                                            sbi_barrier *out)
 {
     sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
     sb_real square = root * root, slope = m->c10, curvature = 0;
@@ -26637,11 +26558,9 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -26815,8 +26734,8 @@ SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_
 }
 
 /* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
+SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F, const sb_real *s,
+                                       sbi_principal *out)
 {
     sbi_barrier c;
     if (model == SB_SVK)
@@ -26885,8 +26804,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);
@@ -26947,8 +26866,7 @@ SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, s
 
 /* ---- by model ---- */
 
-SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_real *W)
+SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation, sb_real *W)
 {
     switch (model) {
     case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
@@ -26968,8 +26886,7 @@ SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_
     }
 }
 
-SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_mat3 *P)
+SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation, sb_mat3 *P)
 {
     switch (model) {
     case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
@@ -26989,8 +26906,8 @@ SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_
     }
 }
 
-SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F,
-                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                       const sb_tangent_kind kind, sb_real *A)
 {
     switch (model) {
     case SB_LINEAR: sbi_linear_tangent(m, A); return 1;
@@ -27046,8 +26963,7 @@ SB_API sb_real sb_material_poisson(const sb_material *material)
 
 /* ---- constructors ---- */
 
-static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson,
-                                           sb_real density)
+static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson, sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
@@ -27115,8 +27031,7 @@ SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d
     return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
 }
 
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density)
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density)
 {
     sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
     m.c20 = c20;
@@ -27132,8 +27047,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
 }
 
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count)
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
 {
     material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
     for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
@@ -27188,8 +27102,8 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                    (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
         if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
-                            names[i], (double)values[i]);
+                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))", names[i],
+                            (double)values[i]);
     }
     return SB_OK;
 }
@@ -27207,8 +27121,8 @@ static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *er
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa",
-                        (double)m->mu, mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
+                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
@@ -27233,21 +27147,19 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
 {
     sb_real sum = 0;
     if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d",
-                        m->prony_count, (int)SB_MAX_PRONY_TERMS);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
+                        (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but the %s model is not hyperelastic",
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but the %s model is not hyperelastic",
                         m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
-            return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material Prony term %d has g %g and tau %g s, not finite", i, (double)g,
-                            (double)tau);
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
+                            (double)g, (double)tau);
         if (!(g > 0 && g < 1))
-            return sbi_fail(error, SB_ERROR_MATERIAL,
-                            "material Prony term %d has g %g, must be inside (0, 1)", i, (double)g);
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
+                            (double)g);
         if (!(tau > 0))
             return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
                             (double)tau);
@@ -27266,13 +27178,12 @@ static sb_result sbi_material_check_moduli(const sb_material *m, sb_error *error
     double young = (double)sb_material_young(m), poisson = (double)sb_material_poisson(m);
     if (!(m->mu > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)",
-                        (double)m->mu, young, poisson);
+                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)", (double)m->mu,
+                        young, poisson);
     if (!(sb_material_bulk(m) > 0) || !(poisson < 0.5))
-        return sbi_fail(
-            error, SB_ERROR_MATERIAL,
-            "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
-            poisson, (double)sb_material_bulk(m), (double)m->mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
+                        poisson, (double)sb_material_bulk(m), (double)m->mu);
     return SB_OK;
 }
 
@@ -27285,8 +27196,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
-        result = sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0",
-                          (double)material->density);
+        result =
+            sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0", (double)material->density);
     if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
@@ -27349,8 +27260,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
-        !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
     if (rotation)
@@ -27358,8 +27268,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     return 1;
 }
 
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81])
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81])
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
@@ -27380,8 +27290,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
 {
     sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
-    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) ||
-        !(largest > 0))
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
         return 0;
     /* By the largest component first, lest squares overflow. */
     direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
@@ -27393,8 +27302,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
 {
     sb_vec3 unit;
     sb_real energy = 0;
-    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy(material, F, unit, &energy))
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -27404,8 +27312,8 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
 {
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
-    if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+    if (!P || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_stress(material, F, unit, &stress) ||
+        !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -27415,8 +27323,8 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 {
     sb_vec3 unit;
     sb_real tangent[81] = {0};
-    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_tangent(material, F, unit, tangent) ||
+        !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -27425,10 +27333,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 
 /* ---- stress measures ---- */
 
-SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
-{
-    return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F));
-}
+SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P) { return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F)); }
 
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P)
 {
@@ -27533,8 +27438,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
 static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
 
 /* S0 = F^-1 P, symmetric but for rounding. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6])
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
 {
     sb_mat3 p;
     sb_real J = sb_m3_det(*F), stress[6];
@@ -27566,14 +27470,13 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 }
 
 /* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
-static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
     sb_real prestress[6];
     sb_mat3 remembered, stress;
-    if (!sb_material_stress(&left, F, NULL, &stress) ||
-        (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
         return 0;
     sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
     for (int k = 0; k < 6; k++) {
@@ -27584,8 +27487,8 @@ static int sbi_material_history_total(const sb_material *material, const sb_mate
     return sbi_material_all_finite(P->m[0], 9);
 }
 
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material relaxing;
     sb_real s0[6];
@@ -27628,8 +27531,8 @@ typedef struct sbi_fit_system {
     double rest, total; /* total = |b|^2 */
 } sbi_fit_system;
 
-/* Constants that share all but this part of their influence with others are not distinguished: measured data never reach
- * it, rounding does. */
+/* Constants that share all but this part of their influence with others are not distinguished: measured data never
+ * reach it, rounding does. */
 static const double sbi_fit_least_own = 1e-6;
 
 static void sbi_fit_begin(sbi_fit_system *system, int n)
@@ -27890,8 +27793,8 @@ static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, 
 }
 
 /* Stress of a compressible material in a test, and its derivatives by the constants when row is given. */
-static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point,
-                                        double *stress, double *row)
+static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
+                                        double *row)
 {
     const sb_test_kind kind = point->kind;
     sb_material m = sbi_fit_material(fit, c, sbi_fit_bulk(fit, c));
@@ -27924,8 +27827,7 @@ static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, con
     return 1;
 }
 
-static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
-                           double *row)
+static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress, double *row)
 {
     double basis[3] = {0, 0, 0};
     if (fit->compressible)
@@ -27973,8 +27875,7 @@ static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
     double sum = 0;
     for (int k = 0; k < fit->count; k++) {
         double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
-        if (weight > 0 &&
-            (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+        if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
             *worst = k;
             return -1;
         }
@@ -28034,8 +27935,7 @@ static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error 
 }
 
 /* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
-static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c,
-                             double *new_cost)
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c, double *new_cost)
 {
     int worst;
     for (double t = 1; t > 1e-4; t /= 2) {
@@ -28090,8 +27990,7 @@ static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *erro
         if (change <= 16 * (double)SB_EPSILON)
             return SB_OK;
     }
-    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations",
-                    info->iterations);
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations", info->iterations);
 }
 
 /* ---- how good it is ---- */
@@ -28171,8 +28070,7 @@ static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
 }
 
 /* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
-static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end,
-                                double *strain)
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end, double *strain)
 {
     const int steps = 64;
     for (int k = 0; k <= steps; k++) {
@@ -28202,8 +28100,7 @@ static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
             continue;
         info->stable = 0;
         info->unstable_kind = (sb_test_kind)kind;
-        info->unstable_strain =
-            (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        info->unstable_strain = (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
         return;
     }
 }
@@ -28227,9 +28124,8 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                        "fit options have poisson %g, d1 %g, density %g, not finite", (double)o->poisson,
-                        (double)o->d1, (double)o->density);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
+                        (double)o->poisson, (double)o->d1, (double)o->density);
     if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
     if (o->d1 < 0)
@@ -28238,25 +28134,22 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
                         (double)o->poisson);
     if (!(o->density > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0",
-                        (double)o->density);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0", (double)o->density);
     return SB_OK;
 }
 
 static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
 {
     if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k,
-                        (int)point->kind);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k, (int)point->kind);
     if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
                         (int)point->measure);
     if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite",
-                        k, (double)point->strain, (double)point->stress);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite", k,
+                        (double)point->strain, (double)point->stress);
     if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k,
-                        (double)point->strain);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k, (double)point->strain);
     return SB_OK;
 }
 
@@ -28269,8 +28162,8 @@ static sb_result sbi_fit_check(const sbi_fit *fit, sb_fit_info *info, sb_error *
         info->points += result == SB_OK && sbi_fit_weight(fit, fit->data + k) > 0;
     }
     if (result == SB_OK && info->points < fit->n)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants",
-                          info->points, fit->n);
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants", info->points,
+                          fit->n);
     return result;
 }
 
@@ -28349,8 +28242,8 @@ static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given,
     }
 }
 
-static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                     int terms, sb_error *error)
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                     sb_error *error)
 {
     if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
@@ -28362,8 +28255,7 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
                             (double)time[k], (double)g[k]);
         if (!(time[k] > 0))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k,
-                            (double)time[k]);
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
     }
     for (int i = 0; tau && i < terms; i++)
         if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
@@ -28373,8 +28265,8 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
 }
 
 /* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
-static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau,
-                                 int terms, sbi_fit_system *system)
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau, int terms,
+                                 sbi_fit_system *system)
 {
     sbi_fit_begin(system, terms);
     for (int k = 0; k < count; k++) {
@@ -28404,8 +28296,8 @@ static void sbi_fit_judge_prony(const sb_material *m, const sb_real *time, const
     info->stable = 1; /* every g_i > 0: what relaxes only ever loses energy */
 }
 
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error)
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error)
 {
     double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own;
     sb_real kept_g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
@@ -28425,8 +28317,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     weakest = sbi_fit_weakest(&system, &own);
     if (tau && own < sbi_fit_least_own)
         return sbi_fail(error, SB_ERROR_INDEFINITE,
-                        "the data do not determine g of tau %d, %g s: %g of its influence is its own",
-                        weakest, times[weakest], own);
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own", weakest,
+                        times[weakest], own);
     sbi_fit_solve_nonnegative(&system, c);
     for (int i = 0; i < terms; i++)
         if (c[i] > 0) {
@@ -28488,39 +28380,40 @@ typedef struct sbi_live_pair {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version;        /* how many changes there were, from 1 */
-    int *room;               /* [row_capacity] places of the row's piece */
-    int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
-    unsigned char *in_use;   /* [row_capacity] */
-    unsigned char *marks;    /* [row_capacity] zeros between calls */
+    unsigned version;      /* how many changes there were, from 1 */
+    int *room;             /* [row_capacity] places of the row's piece */
+    int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    unsigned char *in_use; /* [row_capacity] */
+    unsigned char *marks;  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
                                             * place has the next */
     /* what the last change did */
-    int *touched;            /* [row_capacity] rows with other columns or in other places than before */
+    int *touched; /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
-    int repacked;            /* 1: all rows moved */
-    int used_blocks;         /* blocks that are in rows */
+    int repacked;    /* 1: all rows moved */
+    int used_blocks; /* blocks that are in rows */
     /* parts */
-    int *part_of;            /* [row_capacity] */
-    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
-    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
-    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
-    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
-    int listed;              /* 1: part_start and part_rows are those of part_of */
+    int *part_of;    /* [row_capacity] */
+    int *part_first; /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part,
+        alone_count;   /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost; /* 1: the first row of a part went in the change at hand */
+    int renumbered;    /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;        /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
-    sbi_live_key *keys;      /* new couplings, by row and column */
+    sbi_live_key *keys; /* new couplings, by row and column */
     int key_count, key_capacity;
-    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    sbi_live_pair *pairs; /* couplings that there are and that are used more or less often */
     int pair_count, pair_capacity;
-    int pack;                /* 1: rows are pushed together first */
-    int longest;             /* blocks of the longest row that there was or was planned */
+    int pack;    /* 1: rows are pushed together first */
+    int longest; /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
 } sbi_matrix_live;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else that
- * stays for ever); rows that no cell names and in_use excludes are free.
+/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else
+ * that stays for ever); rows that no cell names and in_use excludes are free.
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
@@ -28535,8 +28428,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
- * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
+ * or get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
@@ -28544,8 +28437,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
-/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
- * who read them. */
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For
+ * all who read them. */
 SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
@@ -28553,8 +28446,8 @@ SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
  * whoever writes all blocks. */
 SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int row);
 SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
-/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
- * first fault. */
+/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names
+ * the first fault. */
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
 
 /* ---- sparse ---- */
@@ -28596,8 +28489,7 @@ static size_t sbi_sparse_cell_begin(const sbi_sparse_cells *cells, int cell)
 static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error)
 {
     if (cells->node_count < 1 || cells->cell_count < 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
                         cells->node_count, cells->cell_count);
     if (cells->cell_count && (!cells->nodes || (!cells->start && cells->nodes_per_cell < 1)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cells need node indices and a size");
@@ -28609,8 +28501,8 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
     for (int c = 0; c < cells->cell_count; c++)
         for (size_t k = sbi_sparse_cell_begin(cells, c); k < sbi_sparse_cell_begin(cells, c + 1); k++)
             if (cells->nodes[k] < 0 || cells->nodes[k] >= cells->node_count)
-                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c,
-                                        cells->nodes[k], cells->node_count);
+                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c, cells->nodes[k],
+                                        cells->node_count);
     return SB_OK;
 }
 
@@ -28618,8 +28510,7 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
 static void *sbi_sparse_scratch_create(const sbi_sparse_cells *cells, const sb_allocator *allocator,
                                        sbi_sparse_scratch *scratch)
 {
-    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count),
-           bytes = 0;
+    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count), bytes = 0;
     char *memory;
     if (!sbi_size_add(&bytes, nodes + 1, sizeof(size_t)) || !sbi_size_add(&bytes, entries, sizeof(int)) ||
         !sbi_size_add(&bytes, nodes, sizeof(int)))
@@ -28668,8 +28559,7 @@ static size_t sbi_sparse_visit(const sbi_sparse_cells *cells, const sbi_sparse_s
         total++;
         for (size_t s = scratch->node_start[i]; s < scratch->node_start[i + 1]; s++) {
             int cell = scratch->node_cells[s];
-            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1);
-                 k++) {
+            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1); k++) {
                 int j = cells->nodes[k];
                 if (scratch->marker[j] == i)
                     continue;
@@ -28782,8 +28672,8 @@ SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of)
     matrix->part_start[0] = 0;
 }
 
-static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch,
-                                 sb_matrix *matrix, sb_error *error)
+static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch, sb_matrix *matrix,
+                                 sb_error *error)
 {
     size_t total;
     sbi_sparse_list_cells(cells, scratch);
@@ -28804,8 +28694,7 @@ static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scrat
 }
 
 SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_cell, const int *cell_start,
-                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix,
-                                  sb_error *error)
+                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix, sb_error *error)
 {
     sbi_sparse_cells input;
     sbi_sparse_scratch scratch;
@@ -28912,11 +28801,9 @@ enum {
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
  * nine, which compilers do not find by themselves. */
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
-                                              int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
 {
-    const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_end[i];
+    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -28938,8 +28825,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[2] = s2[0] + s2[1] + s2[2];
 }
 #else
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
-                                              int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
 {
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
@@ -28957,8 +28843,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 }
 #endif
 
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
-                                      int last)
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last)
 {
     const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
@@ -29075,8 +28960,7 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
 
 /* Moves the known terms of node i's prescribed components to the other rows' right-hand sides. The column of
  * component c in block (j, i) is row c of block (i, j). Most supports stand still and have none. */
-static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value,
-                                  sb_real *rhs)
+static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value, sb_real *rhs)
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
@@ -29133,8 +29017,7 @@ SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, 
     }
 }
 
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs)
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs)
 {
     if (!matrix || !mask)
         return;
@@ -29303,10 +29186,7 @@ static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
     matrix->transpose[twin] = to;
 }
 
-static int sbi_live_piece_places(int length)
-{
-    return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE;
-}
+static int sbi_live_piece_places(int length) { return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE; }
 
 /* A piece for a row of so many blocks; its places are cleared. */
 static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
@@ -29327,8 +29207,8 @@ static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
     live->room[i] = places;
 }
 
-/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest, waits
- * for the rows to be pushed together. */
+/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest,
+ * waits for the rows to be pushed together. */
 static void sbi_live_give_piece(sb_matrix *matrix, int start, int places)
 {
     sbi_matrix_live *live = matrix->live;
@@ -29355,7 +29235,8 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
 
 static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
 
-/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in
+ * sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
@@ -29466,7 +29347,8 @@ static void sbi_live_plan_nodes(sbi_matrix_live *live, size_t count, const int *
 }
 
 /* All pairs of a change. Couplings of nodes that it removes go with these; theirs are not counted. */
-static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change,
+                                const sbi_matrix_couplings *others)
 {
     live->pair_count = 0;
     if (others) {
@@ -29863,8 +29745,8 @@ static void sbi_live_note_parts(sb_matrix *matrix)
     live->first_is_lost = 0;
 }
 
-/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
- * touched, or INT_MAX. */
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of
+ * those touched, or INT_MAX. */
 static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
 {
     const sbi_matrix_live *live = matrix->live;
@@ -30103,7 +29985,8 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
         if (twin != sb_matrix_find(matrix, j, i) || live->uses[q] != live->uses[twin])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d has another transpose or count", i, j);
         if ((j == i) != (live->uses[q] == 0))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j, live->uses[q]);
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j,
+                                 live->uses[q]);
         if (live->part_of[j] != live->part_of[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is in another part", i, j);
     }
@@ -30157,9 +30040,9 @@ SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error
 
 
 enum {
-    SBI_ORDER_LEAF = 12,   /* nodes: smaller sets are not cut */
-    SBI_ORDER_LISTS = 3,   /* lists of a set's nodes, by x, y, z */
-    SBI_ORDER_DEPTH = 80   /* sets waiting to be cut: each cut leaves at most 4/5 on either side */
+    SBI_ORDER_LEAF = 12, /* nodes: smaller sets are not cut */
+    SBI_ORDER_LISTS = 3, /* lists of a set's nodes, by x, y, z */
+    SBI_ORDER_DEPTH = 80 /* sets waiting to be cut: each cut leaves at most 4/5 on either side */
 };
 
 typedef struct sbi_order_set {
@@ -30168,14 +30051,14 @@ typedef struct sbi_order_set {
 
 typedef struct sbi_order {
     const sb_matrix *pattern;
-    int list_count;        /* 3 with positions, else 1 */
+    int list_count;              /* 3 with positions, else 1 */
     int *lists[SBI_ORDER_LISTS]; /* [node_count] */
-    int *set;              /* [node_count] number of the set that holds the node; -1: it is in a separator */
-    int *side;             /* [node_count] 0, 1: half; 2: separator */
-    int *best;             /* [node_count] side in the best cut so far */
-    int *walk;             /* [node_count] a set in the order of the graph's distances */
-    int *mark;             /* [node_count] stamps of the walks and sweeps */
-    int *moved;            /* [node_count] scratch of the partition */
+    int *set;                    /* [node_count] number of the set that holds the node; -1: it is in a separator */
+    int *side;                   /* [node_count] 0, 1: half; 2: separator */
+    int *best;                   /* [node_count] side in the best cut so far */
+    int *walk;                   /* [node_count] a set in the order of the graph's distances */
+    int *mark;                   /* [node_count] stamps of the walks and sweeps */
+    int *moved;                  /* [node_count] scratch of the partition */
     int stamp;
 } sbi_order;
 
@@ -30249,10 +30132,7 @@ static void sbi_order_walk_set(sbi_order *o, sbi_order_set range)
 /* ---- cuts ---- */
 
 /* A separator of s between halves of a and b: small is good, and so is balance. */
-static double sbi_order_cost(int a, int b, int s)
-{
-    return ((double)s + 0.1) / ((double)a * (double)b);
-}
+static double sbi_order_cost(int a, int b, int s) { return ((double)s + 0.1) / ((double)a * (double)b); }
 
 /* Sweeps over the set in the order of `list` and leaves the best cut in side. */
 static double sbi_order_sweep(sbi_order *o, const int *list, int count)
@@ -30536,9 +30416,9 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
 
 
 enum {
-    SBI_FRONT_TILE = 4,    /* columns of a tile */
-    SBI_FRONT_BLOCK = 32,  /* columns factored at once */
-    SBI_FRONT_CHUNK = 64   /* rows that a triangular solve takes at once */
+    SBI_FRONT_TILE = 4,   /* columns of a tile */
+    SBI_FRONT_BLOCK = 32, /* columns factored at once */
+    SBI_FRONT_CHUNK = 64  /* rows that a triangular solve takes at once */
 };
 
 /* ---- products ---- */
@@ -30604,10 +30484,10 @@ static void sbi_front_pack(const sb_real *from, size_t stride, int rows, int dep
 typedef struct sbi_front_product {
     sb_real *c;
     size_t c_stride;
-    const sb_real *rows;   /* first entry of the rows; A and B begin with the same one */
+    const sb_real *rows; /* first entry of the rows; A and B begin with the same one */
     size_t stride;
     int row_count, column_count, depth;
-    const sb_real *signs;  /* [depth] or NULL */
+    const sb_real *signs; /* [depth] or NULL */
     sb_real *pack;
 } sbi_front_product;
 
@@ -30841,8 +30721,8 @@ static void sbi_front_backward_group(const sb_real *l, size_t height, size_t row
     memset(sums, 0, sizeof sums);
     for (size_t r = 3; r < rows; r++)
         for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
-            sums[k] += l[(size_t)(k / SBI_FRONT_GROUP) * height + r] *
-                       x[r * SBI_FRONT_GROUP + (size_t)(k % SBI_FRONT_GROUP)];
+            sums[k] +=
+                l[(size_t)(k / SBI_FRONT_GROUP) * height + r] * x[r * SBI_FRONT_GROUP + (size_t)(k % SBI_FRONT_GROUP)];
     for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
         x[k] -= sums[k];
 }
@@ -30886,41 +30766,41 @@ SBI_API void sbi_front_backward(const sb_real *panel, size_t height, size_t widt
 
 
 typedef struct sbi_direct_piece {
-    int first, last;      /* columns */
-    int row_count;        /* nodes: own columns and those below */
-    int row_start;        /* into rows: own columns first */
+    int first, last; /* columns */
+    int row_count;   /* nodes: own columns and those below */
+    int row_start;   /* into rows: own columns first */
     int child_count;
-    size_t panel;         /* first entry of its columns of L, [3 row_count] entries each */
+    size_t panel; /* first entry of its columns of L, [3 row_count] entries each */
 } sbi_direct_piece;
 
 struct sb_direct {
     sb_allocator allocator;
-    void *memory;         /* the one block behind all arrays */
+    void *memory; /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
     unsigned pattern_version; /* see sbi_matrix_version */
-    int *position;        /* [node_count] column of a node */
-    int *node;            /* [node_count] node of a column */
+    int *position;            /* [node_count] column of a node */
+    int *node;                /* [node_count] node of a column */
     sbi_direct_piece *pieces;
-    int *rows;            /* columns' numbers, ascending in each piece */
-    int *place;           /* [node_count] of a column among the rows of the present piece */
+    int *rows;  /* columns' numbers, ascending in each piece */
+    int *place; /* [node_count] of a column among the rows of the present piece */
     sb_real *factor;
-    sb_real *squares;     /* the stack */
-    int *waiting;         /* [piece_count] scratch: pieces whose squares are on the stack */
-    sb_real *signs;       /* [3 node_count] of D, by column: 1 or -1 */
-    sb_real *sizes;       /* [3 node_count] largest entry of each row */
-    sb_real *pack;        /* scratch of the fronts' arithmetic */
-    sb_real *solution;    /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
-    sb_real *gathered;    /* [largest_front][SBI_FRONT_GROUP] */
+    sb_real *squares;  /* the stack */
+    int *waiting;      /* [piece_count] scratch: pieces whose squares are on the stack */
+    sb_real *signs;    /* [3 node_count] of D, by column: 1 or -1 */
+    sb_real *sizes;    /* [3 node_count] largest entry of each row */
+    sb_real *pack;     /* scratch of the fronts' arithmetic */
+    sb_real *solution; /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
+    sb_real *gathered; /* [largest_front][SBI_FRONT_GROUP] */
     size_t factor_count, stack_count;
-    int ready;            /* 1: there is a factor */
+    int ready; /* 1: there is a factor */
     sb_direct_info info;
 };
 
 /* What the analysis needs for a while. */
 typedef struct sbi_direct_plan {
-    int *parent;          /* of a column in the elimination tree, or -1 */
-    int *count;           /* of rows of a column, its own included */
+    int *parent; /* of a column in the elimination tree, or -1 */
+    int *count;  /* of rows of a column, its own included */
     int *first_child, *next_sibling, *scratch;
     size_t row_total;
 } sbi_direct_plan;
@@ -31240,9 +31120,9 @@ static sb_result sbi_direct_analyse(sb_direct *d, const sb_matrix *pattern, cons
         sbi_direct_tree(d, pattern, &plan);
         sbi_direct_count(d, pattern, &plan);
         sbi_direct_join(d, &plan, zeros);
-        result = sbi_direct_measure(d, &plan) ? sbi_direct_settle(d, &plan, pattern, error)
-                                              : sbi_fail(error, SB_ERROR_MEMORY, "the factor of %d nodes is too large",
-                                                         d->node_count);
+        result = sbi_direct_measure(d, &plan)
+                     ? sbi_direct_settle(d, &plan, pattern, error)
+                     : sbi_fail(error, SB_ERROR_MEMORY, "the factor of %d nodes is too large", d->node_count);
     }
     sbi_free(&d->allocator, memory);
     return result;
@@ -31352,9 +31232,8 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
     for (int c = 0; c < below; c++) {
         int column = d->place[rows[c]];
         for (size_t j = 0; j < 3; j++, from += side) {
-            sb_real *to = column < width
-                              ? d->factor + piece->panel + (3 * (size_t)column + j) * height
-                              : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
+            sb_real *to = column < width ? d->factor + piece->panel + (3 * (size_t)column + j) * height
+                                         : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
             for (int r = c; r < below; r++) {
                 sb_real *at = to + 3 * (size_t)d->place[rows[r]];
                 const sb_real *value = from + 3 * (size_t)r;
@@ -31374,8 +31253,10 @@ static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
-    return sbi_fail_node(error, SB_ERROR_INDEFINITE, node, "the matrix has no stable factor: the pivot of node %d is "
-                         "negative or lost in rounding", node);
+    return sbi_fail_node(error, SB_ERROR_INDEFINITE, node,
+                         "the matrix has no stable factor: the pivot of node %d is "
+                         "negative or lost in rounding",
+                         node);
 }
 
 /* One front: assembled, factored, and its square left on the stack in place of its children's. */
@@ -31580,9 +31461,9 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_scale(float s, sbi_float4 a)
 /* a[0] m.row0 + a[1] m.row1 + a[2] m.row2 = m^T a */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
 {
-    return sbi_f4_add(sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)),
-                                 sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
-                      sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
+    return sbi_f4_add(
+        sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)), sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
+        sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
 }
 
 SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
@@ -31598,7 +31479,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c
 {
 #if defined(SBI_HAS_SHUFFLE)
     sbi_float4 low = __builtin_shufflevector(a, b, 0, 4, 1, 5), high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
-    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7), second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
+    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7),
+               second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
     return sbi_f4_add(sbi_f4_add(first, second), __builtin_shufflevector(high, c, 0, 1, 6, 7));
 #else
     return sbi_f4_make(sbi_f4_sum(a), sbi_f4_sum(b), sbi_f4_sum(c));
@@ -31638,24 +31520,26 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_round_row(const sb_real *from, sb_real scale)
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
-    SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
-    SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
-    SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300. Half as many where the factor is dear: */
-    SBI_MG_DEAR = 256,        /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
-                               * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now 5.4; */
+    SBI_MG_ROWS = 64,      /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 256, /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_DENSE = 64,     /* nodes that a level need not be coarsened for, */
+    SBI_MG_SPARSE = 500,   /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
+                            * 300. Half as many where the factor is dear: */
+    SBI_MG_DEAR = 256,     /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
+                            * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now
+                            * 5.4; */
     SBI_MG_DEAR_BLOCKS = 150000, /* smaller matrices count as one of so many blocks */
-    SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
-                               * be 3 % faster so, but cut cells and plates at rest want their digits */
-    SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
-    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
-    SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
-    SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_AHEAD = 4096,      /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
-                               * caches do not mind */
-    SBI_MG_ROWS_AHEAD = 16,   /* diagonal blocks asked for before they are read, */
-    SBI_MG_BLOCKS_AHEAD = 128 /* and blocks of a list: coarse sums take 0.4 of the time so, with 32 0.7, with 256 0.35 */
+    SBI_MG_PACKED = 100000,      /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
+                                  * be 3 % faster so, but cut cells and plates at rest want their digits */
+    SBI_MG_ISLANDS = 16,         /* groups of islands at most: so many tasks */
+    SBI_MG_LANCZOS = 5,          /* steps of the estimate of the largest eigenvalue, */
+    SBI_MG_LANCZOS_MOST = 12,    /* and on coarser levels of regions */
+    SBI_MG_REACH_AGE = 16,       /* updates that make do with one */
+    SBI_MG_AHEAD = 4096,    /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
+                             * caches do not mind */
+    SBI_MG_ROWS_AHEAD = 16, /* diagonal blocks asked for before they are read, */
+    SBI_MG_BLOCKS_AHEAD =
+        128 /* and blocks of a list: coarse sums take 0.4 of the time so, with 32 0.7, with 256 0.35 */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -31692,16 +31576,16 @@ typedef struct sbi_mg_level {
     float *shares;               /* weights of the parents */
     int *child_start, *children; /* the same from the coarser level's side: [its rows + 1] */
     float *child_shares;
-    int *mixed_start;         /* [row_count + 1] into mixed: blocks of A P, row by row */
-    int *slots;               /* for each block of A and each parent of its column: where A P takes it in its row */
-    int *slot_start;          /* [row_count + 1] */
-    float *mixed;             /* [mixed_count][9] */
+    int *mixed_start; /* [row_count + 1] into mixed: blocks of A P, row by row */
+    int *slots;       /* for each block of A and each parent of its column: where A P takes it in its row */
+    int *slot_start;  /* [row_count + 1] */
+    float *mixed;     /* [mixed_count][9] */
     /* Block q of P^T (A P) on and above the diagonal is the sum of shares times blocks of A P, sum_start[q] and on; one
      * below it is the transpose of block twins[q]. */
-    size_t *sum_start;        /* [coarser blocks + 1] */
-    int *sum_blocks;          /* with SBI_MG_BLOCKS_AHEAD more, 0 */
+    size_t *sum_start; /* [coarser blocks + 1] */
+    int *sum_blocks;   /* with SBI_MG_BLOCKS_AHEAD more, 0 */
     float *sum_shares;
-    int *twins;               /* [coarser blocks] */
+    int *twins; /* [coarser blocks] */
 } sbi_mg_level;
 
 /* Parts of a body that are stiff in one piece, where moduli jump. Coarse nodes that span a jump cannot follow the stiff
@@ -31728,8 +31612,8 @@ typedef struct sbi_mg_island_group {
 enum { SBI_MG_SEA = 0, SBI_MG_SHORE = 1, SBI_MG_ISLAND = 2 }; /* a node of no island; next to one; of one */
 
 typedef struct sbi_mg_islands {
-    int count;           /* of groups; 0: there are no islands, and no arrays */
-    int ready;           /* 1: all have a factor of the last update; 0: the cycle does without */
+    int count; /* of groups; 0: there are no islands, and no arrays */
+    int ready; /* 1: all have a factor of the last update; 0: the cycle does without */
     sbi_mg_island_group groups[SBI_MG_ISLANDS];
     int *rows;           /* of all groups, one after the other, */
     sb_real *exact;      /* and their solutions */
@@ -31741,25 +31625,25 @@ struct sbi_multigrid {
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
-    sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
+    sbi_mg_regions regions; /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
-    int small;                /* nodes that the coarsest level may have */
-    int couples_parts;        /* see sbi_multigrid_couples_parts */
-    int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
-    int softened;             /* how often the bounds were doubled since the last update */
-    sbi_mg_reach reach;       /* of level 0 */
+    int small;          /* nodes that the coarsest level may have */
+    int couples_parts;  /* see sbi_multigrid_couples_parts */
+    int wide;           /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
+    int softened;       /* how often the bounds were doubled since the last update */
+    sbi_mg_reach reach; /* of level 0 */
     /* the coarsest level of n unknowns: a dense factor, a sparse one, or none */
     int factored;             /* 1: there is one of the last update; 0: the level is smoothed only */
     double *factor;           /* [n][n] */
     double *pivot, *solution; /* [n] */
     sb_direct *direct;
-    sb_matrix coarsest;       /* what it factors */
-    sb_real *exact;           /* [n] */
-    double *spread;           /* [rows of level 0][4] S x of the x to multiply by; NULL where there is no rest */
-    double matrix_scale;      /* of the last update */
-    double deviation;         /* see sbi_multigrid_deviation */
-    int longest_row;          /* of level 0 */
-    sbi_owned owned;          /* its arrays; bytes: of everything */
+    sb_matrix coarsest;  /* what it factors */
+    sb_real *exact;      /* [n] */
+    double *spread;      /* [rows of level 0][4] S x of the x to multiply by; NULL where there is no rest */
+    double matrix_scale; /* of the last update */
+    double deviation;    /* see sbi_multigrid_deviation */
+    int longest_row;     /* of level 0 */
+    sbi_owned owned;     /* its arrays; bytes: of everything */
 };
 
 /* ---- multigrid_coarsest ---- */
@@ -31769,8 +31653,8 @@ struct sbi_multigrid {
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct);
 
-/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a smaller
- * level is wanted. 0: no memory. */
+/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a
+ * smaller level is wanted. 0: no memory. */
 SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear);
 /* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
@@ -31806,11 +31690,11 @@ SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions
 /* Interpolation rows in the making, with arrays of their own. */
 typedef struct sbi_mg_rows {
     int coarse_count;
-    int *start;               /* [rows + 1] */
+    int *start; /* [rows + 1] */
     int *nodes;
     float *weights;
-    sb_vec3 *positions;       /* [coarse_count] */
-    int *labels;              /* [coarse_count] region of each, or NULL */
+    sb_vec3 *positions; /* [coarse_count] */
+    int *labels;        /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
 /* What a lattice is laid over. */
@@ -31834,8 +31718,8 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
  * multigrid.
  *
  * Compilers find none of these vectors by themselves. All forms give the same bits for finite matrices: sums of rows
- * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block is
- * multiplied by the fourth float of a node, which is 0. */
+ * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block
+ * is multiplied by the fourth float of a node, which is 0. */
 #ifndef SB_MULTIGRID_BLOCK_H
 #define SB_MULTIGRID_BLOCK_H
 
@@ -31843,7 +31727,7 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 #include <string.h>
 
 #if !defined(__GNUC__) || defined(SB_NO_VECTORS)
-#define SBI_MG_WIDTH 0   /* plain code */
+#define SBI_MG_WIDTH 0 /* plain code */
 #elif defined(__AVX512F__)
 #define SBI_MG_WIDTH 512 /* bits of vectors; those of fewer are used where they do better */
 #elif defined(__AVX2__)
@@ -31871,8 +31755,7 @@ typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias)
 typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias));
 #define SBI_MG_EIGHT_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT_EIGHT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#define SBI_MG_TURN(v) \
-    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
+#define SBI_MG_TURN(v) ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #endif
 
 /* to += factor from, nine floats. */
@@ -32389,12 +32272,12 @@ typedef struct sbi_region_maker {
     const sb_matrix *pattern;
     const sb_real *moduli;
     const sb_vec3 *positions;
-    sb_real *most;   /* [rows] largest modulus of a node's couplings (Pa) */
-    int *region;     /* [rows] -1: none yet */
-    int *queue;      /* [rows] nodes of the piece at work */
-    int *member;     /* [rows] number of the last piece with the node, */
-    int *touched;    /* [rows] and of the last one that has a neighbour of it, */
-    int *holders;    /* [rows][2] its first two neighbours there; the second may be -1 */
+    sb_real *most; /* [rows] largest modulus of a node's couplings (Pa) */
+    int *region;   /* [rows] -1: none yet */
+    int *queue;    /* [rows] nodes of the piece at work */
+    int *member;   /* [rows] number of the last piece with the node, */
+    int *touched;  /* [rows] and of the last one that has a neighbour of it, */
+    int *holders;  /* [rows][2] its first two neighbours there; the second may be -1 */
     int piece, region_count;
 } sbi_region_maker;
 
@@ -32979,13 +32862,13 @@ typedef struct sbi_lattice_maker {
     int lattice_count;
     sbi_lattice_table table;
     int point_count;
-    int64_t *points;   /* [point_count] */
-    int *list_start;   /* [point_count + 1] into list: the entries of the rows by point */
+    int64_t *points; /* [point_count] */
+    int *list_start; /* [point_count + 1] into list: the entries of the rows by point */
     int *list;
-    int *owner;        /* [entries] row of each entry */
-    int *number;       /* [entries] coarse node of each entry, -1: not yet */
-    int *entry_of;     /* [rows] entry of a row in the list at work */
-    int *queue;        /* [rows] */
+    int *owner;    /* [entries] row of each entry */
+    int *number;   /* [entries] coarse node of each entry, -1: not yet */
+    int *entry_of; /* [rows] entry of a row in the list at work */
+    int *queue;    /* [rows] */
 } sbi_lattice_maker;
 
 /* 1: nothing but itself is coupled to the node; it needs no coarse level. */
@@ -33128,8 +33011,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator,
-                                    sbi_lattice_measure **measures)
+static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_lattice_measure **measures)
 {
     size_t places = 64, lattices;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;
@@ -33177,9 +33059,9 @@ SBI_API int sbi_mg_lattice(const sbi_mg_nodes *nodes, double ratio, double thin_
 /* ==== src/softbody/solve/multigrid_coarsest.c ==== */
 /* multigrid_coarsest: the coarsest level, solved by elimination. Floor 1.
  *
- * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes cannot
- * tell the regions' motions apart well enough, however often it is visited: then levels end at one of some hundred nodes,
- * with a sparse factor. */
+ * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes
+ * cannot tell the regions' motions apart well enough, however often it is visited: then levels end at one of some
+ * hundred nodes, with a sparse factor. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -33223,8 +33105,8 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
         sb_direct_create(NULL, matrix, &m->owned.allocator, direct, NULL) != SB_OK)
         return 0;
     m->owned.bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
-                sb_direct_get_info(*direct).bytes +
-                (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
+                      sb_direct_get_info(*direct).bytes +
+                      (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
 }
 
@@ -34071,7 +33953,8 @@ static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level 
 static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
                             const sbi_mg_level *coarse)
 {
-    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
+    size_t blocks = (size_t)coarse->block_count,
+           *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
     fine->twins = sbi_owned_take_ints(&m->owned, blocks);
     if (!start || !fine->twins)
         return 0;
@@ -34171,8 +34054,8 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
     }
     rows->start[0] = 0;
     for (int i = 0; i < mapping->row_count; i++)
-        rows->start[i + 1] = rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i],
-                                                              rows->weights + rows->start[i]);
+        rows->start[i + 1] =
+            rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i], rows->weights + rows->start[i]);
     memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
     return 1;
 }
@@ -34213,8 +34096,8 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
         made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
     else if (!setup->like && setup->moduli && setup->level_count == 0)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
-    m->owned.bytes += (size_t)m->regions.row_count * sizeof(int) +
-                (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
+    m->owned.bytes +=
+        (size_t)m->regions.row_count * sizeof(int) + (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
 }
 
@@ -34230,8 +34113,8 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->owned.allocator,
-                                    labels) &&
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION,
+                                    &m->owned.allocator, labels) &&
                sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->owned.allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
@@ -34313,7 +34196,8 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
-/* 1 when all children of each node of the next level are of one part; turns the parts of rows into those of its nodes. */
+/* 1 when all children of each node of the next level are of one part; turns the parts of rows into those of its
+ * nodes. */
 static int sbi_mg_lower_parts(const sbi_mg_level *level, int coarse_count, int *part_of, int *next)
 {
     for (int a = 0; a < coarse_count; a++) {
@@ -34411,17 +34295,17 @@ SBI_API sb_result sbi_multigrid_create(const sbi_multigrid_setup *setup, const s
 /* What the tasks of one level see. */
 typedef struct sbi_mg_work {
     sbi_multigrid *m;
-    sbi_mg_level *level;      /* whose rows the tasks are, */
-    sbi_mg_level *finer;      /* and the one above it or NULL */
-    const sb_matrix *matrix;  /* of level 0, in updates */
+    sbi_mg_level *level;     /* whose rows the tasks are, */
+    sbi_mg_level *finer;     /* and the one above it or NULL */
+    const sb_matrix *matrix; /* of level 0, in updates */
     double scale;
     const sb_real *in;
     sb_real *out;
     sb_real factor;
-    float keep, add;          /* of a Chebyshev step: d' = keep d + add D^-1 r */
-    int first_after;          /* 1: the step after a coarser level's, whose motion is in e */
-    int last;                 /* 1: only the residual is wanted */
-    float alpha, beta;        /* of the estimate of the bound */
+    float keep, add;   /* of a Chebyshev step: d' = keep d + add D^-1 r */
+    int first_after;   /* 1: the step after a coarser level's, whose motion is in e */
+    int last;          /* 1: only the residual is wanted */
+    float alpha, beta; /* of the estimate of the bound */
 } sbi_mg_work;
 
 static int sbi_mg_end(const sbi_mg_level *level, int task)
@@ -34548,16 +34432,16 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
- * in 16 without. */
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where
+ * there is a rest, in 16 without. */
 SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
                                          float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
-                          level->packed + 9 * q, level->rest + 9 * q, bad);
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD), level->packed + 9 * q,
+                          level->rest + 9 * q, bad);
         return;
     }
 #endif
@@ -34990,7 +34874,8 @@ static void sbi_mg_begin_task(void *user, int task)
         float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
         const sb_real *in = work->in + 3 * (size_t)i;
         sbi_float4 left = sbi_f4_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
-                                       (float)(in[2] * work->factor)), step;
+                                      (float)(in[2] * work->factor)),
+                   step;
         left = sbi_f4_scale(level->scale[4 * (size_t)i + 3], left);
         if (work->m->islands.ready)
             left = sbi_mg_left_by_islands(work, i, left);
@@ -35051,7 +34936,8 @@ static void sbi_mg_prolong_task(void *user, int task)
             float share = scales ? level->shares[p] * scales[a + 3] : level->shares[p];
             sum = sbi_f4_add(sum, sbi_f4_scale(share, sbi_f4_load(x + a)));
         }
-        sbi_f4_store(level->e + 4 * (size_t)i, level->scale ? sbi_f4_mul(sum, sbi_f4_load(level->scale + 4 * (size_t)i)) : sum);
+        sbi_f4_store(level->e + 4 * (size_t)i,
+                     level->scale ? sbi_f4_mul(sum, sbi_f4_load(level->scale + 4 * (size_t)i)) : sum);
     }
 }
 
@@ -35071,8 +34957,8 @@ static void sbi_mg_step_task(void *user, int task)
         if (work->last)
             continue;
         own = sbi_f4_load(from + 4 * (size_t)i);
-        next = sbi_f4_add(sbi_f4_scale(keep, own),
-                           sbi_f4_scale(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
+        next =
+            sbi_f4_add(sbi_f4_scale(keep, own), sbi_f4_scale(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
         sbi_f4_store(to + 4 * (size_t)i, next);
         sbi_f4_store(x, sbi_f4_add(sbi_f4_load(x), first_after ? sbi_f4_add(own, next) : next));
     }
@@ -35084,9 +34970,9 @@ static int sbi_mg_degree(const sbi_mg_work *work) { return work->level->degree +
  * fourth kind (Lottes 2022) need no lower end, but take a tenth to a fifth more iterations; a tenth and a thirtieth are
  * worse than a twentieth. Eigenvalues do not grow up to 5 % beyond the bound, or 2.5 % with a fortieth.
  *
- * Near nu 0.5, rough motions that keep the volume cost little beside the others, and coarse levels do not see them. There
- * the polynomial goes down to a fortieth, with one step more: 11 and 29 iterations to 1e-2 and 1e-6 in place of 14 and 35
- * (nu 0.49, tet10), in the same time. Neither does much without the other. */
+ * Near nu 0.5, rough motions that keep the volume cost little beside the others, and coarse levels do not see them.
+ * There the polynomial goes down to a fortieth, with one step more: 11 and 29 iterations to 1e-2 and 1e-6 in place of
+ * 14 and 35 (nu 0.49, tet10), in the same time. Neither does much without the other. */
 static void sbi_mg_set_step(sbi_mg_work *work, int step)
 {
     const double low = work->m->wide ? 1.0 / 40 : 1.0 / 20, twice_sigma = 2 * (1 + low) / (1 - low);
@@ -35219,14 +35105,14 @@ enum { SBI_FSAI_TASKS = 32 }; /* a scratch matrix each; more than the cores at h
 typedef struct sbi_fsai {
     int row_count, power;
     int entry_count;
-    int *start;     /* [row_count + 1] of the rows of G */
-    int *columns;   /* [entry_count] ascending, the diagonal last */
-    float *rows;    /* [entry_count][12] transposed blocks G_ij^T */
-    int *back;      /* [entry_count] place of each block among those by columns */
-    int *end;       /* [row_count + 1] of the columns of G */
-    int *members;   /* [entry_count] row of each block of a column, ascending */
-    float *turned;  /* [entry_count][12] blocks G_ij by columns */
-    int *task_row;  /* [SBI_FSAI_TASKS + 1] first row of each task of an update */
+    int *start;           /* [row_count + 1] of the rows of G */
+    int *columns;         /* [entry_count] ascending, the diagonal last */
+    float *rows;          /* [entry_count][12] transposed blocks G_ij^T */
+    int *back;            /* [entry_count] place of each block among those by columns */
+    int *end;             /* [row_count + 1] of the columns of G */
+    int *members;         /* [entry_count] row of each block of a column, ascending */
+    float *turned;        /* [entry_count][12] blocks G_ij by columns */
+    int *task_row;        /* [SBI_FSAI_TASKS + 1] first row of each task of an update */
     size_t *task_scratch; /* [SBI_FSAI_TASKS] where the task's scratch starts */
     float *scratch;
     int *bad;       /* [SBI_FSAI_TASKS] first row that failed, or -1 */
@@ -35724,16 +35610,16 @@ SBI_API void sbi_fsai_multiply_transposed(const sbi_fsai *fsai, const float *in,
 
 enum {
     SBI_PRECOND_MAX_ATTEMPTS = 18,
-    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
-                                 * factor of any positive definite one exists */
+    SBI_PRECOND_MAX_SHIFT = 64,    /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                    * factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is lowered on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
     SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
-    SBI_PRECOND_HALVED_ROWS = 1000, /* below, a second thread gains next to nothing: 0.27 for 0.28 ms with 637 */
-    SBI_PRECOND_BETWEEN = 6,        /* of the nodes at most one in so many may be between the halves */
-    SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
+    SBI_PRECOND_HALVED_ROWS = 1000,        /* below, a second thread gains next to nothing: 0.27 for 0.28 ms with 637 */
+    SBI_PRECOND_BETWEEN = 6,               /* of the nodes at most one in so many may be between the halves */
+    SBI_PRECOND_AHEAD = 8                  /* blocks asked for before they are read */
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -35774,11 +35660,11 @@ struct sb_preconditioner {
     /* of a matrix that follows: the arrays are for as many rows and blocks as it has room for, and what depends on the
      * pattern is made anew by the first update after a change, from matrix and rest shape alone */
     int row_room, block_room, longest_room; /* 0: the matrix does not follow */
-    int stale;            /* 1: the pattern has changed since */
-    int wanted_pieces;    /* of the def */
-    const sb_vec3 *rest;  /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
-    int *scratch;         /* [8 row_room + block_room + 1] */
-    sb_vec3 *centres;     /* [row_room] */
+    int stale;                              /* 1: the pattern has changed since */
+    int wanted_pieces;                      /* of the def */
+    const sb_vec3 *rest; /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
+    int *scratch;        /* [8 row_room + block_room + 1] */
+    sb_vec3 *centres;    /* [row_room] */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -35791,36 +35677,37 @@ struct sb_preconditioner {
     float *inverse; /* [row_count][12] D^-1 */
     float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
     float *result;  /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
-     * (j, m) */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the
+     * block (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pair_room][2] */
     size_t pair_room;
-    int unlisted;       /* 1: there is no room for the pairs; they are found again by each update */
-    int *place;         /* [row_room] of each node in the order, of a matrix that follows */
-    int *in_row;        /* [2][row_room] -1 between rows; of each half, in such a one */
-    int *found;         /* [2][2 longest_room] pairs of the block at work in each half */
-    int longest;        /* blocks of the longest row */
-    float *row;         /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
-    int bad[2];         /* node of the first bad pivot of each half, or -1 */
-    int relaxing;       /* 1: the update at work tries a lower shift */
-    double trial;       /* its shift */
+    int unlisted; /* 1: there is no room for the pairs; they are found again by each update */
+    int *place;   /* [row_room] of each node in the order, of a matrix that follows */
+    int *in_row;  /* [2][row_room] -1 between rows; of each half, in such a one */
+    int *found;   /* [2][2 longest_room] pairs of the block at work in each half */
+    int longest;  /* blocks of the longest row */
+    float *row;   /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
+    int bad[2];   /* node of the first bad pivot of each half, or -1 */
+    int relaxing; /* 1: the update at work tries a lower shift */
+    double trial; /* its shift */
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
     sbi_multigrid *multigrid;
-    sb_direct *direct;  /* Cholesky */
-    sb_real *exact;     /* [row_count][3] what it solves, and the solution */
+    sb_direct *direct; /* Cholesky */
+    sb_real *exact;    /* [row_count][3] what it solves, and the solution */
     /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
     int turned;           /* 1: there are rotations */
     float *turns;         /* [row_count][12] R */
     float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
     unsigned char *fixed; /* [row_count] masks of prescribed components */
     sbi_precond_coarse coarse;
-    sbi_owned owned;      /* its arrays; bytes: of everything */
+    sbi_owned owned; /* its arrays; bytes: of everything */
 };
 
-/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
+/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user,
+ * 0). */
 typedef struct sbi_precond_beside {
     sb_task task, last; /* last: or NULL */
     void *user;
@@ -35834,8 +35721,8 @@ typedef struct sbi_precond_job {
     const sb_vec3 *positions; /* NULL: where they were */
     const sb_real *r;
     sb_real *z;
-    double scale;    /* of r: a power of two */
-    int with_result; /* restriction: of r - A result, not r */
+    double scale;                     /* of r: a power of two */
+    int with_result;                  /* restriction: of r - A result, not r */
     const sbi_precond_beside *beside; /* or NULL */
 } sbi_precond_job;
 
@@ -35879,9 +35766,9 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 
 /* ---- precond_pieces ---- */
 
-/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
- * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces.
- * scratch [6 row_count + 1], centres [row_count]: scratch. */
+/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for
+ * each part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of
+ * pieces. scratch [6 row_count + 1], centres [row_count]: scratch. */
 SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
                                     sb_vec3 *centres, int *nodes, int *piece_of);
 
@@ -36011,8 +35898,8 @@ static void sbi_precond_enter_exact(const sb_preconditioner *p, const sb_real *r
     for (int k = 0; k < 3; k++)
         v[k] = p->turned && (p->fixed[i] >> k & 1) ? 0 : r[3 * i + (size_t)k] * scale;
     for (int k = 0; k < 3; k++)
-        out[k] = !p->turned ? v[k]
-                            : (sb_real)turn[k] * v[0] + (sb_real)turn[4 + k] * v[1] + (sb_real)turn[8 + k] * v[2];
+        out[k] =
+            !p->turned ? v[k] : (sb_real)turn[k] * v[0] + (sb_real)turn[4 + k] * v[1] + (sb_real)turn[8 + k] * v[2];
 }
 
 static void sbi_precond_leave_exact(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
@@ -36115,7 +36002,8 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_precond_run(&job, sbi_precond_write_task);
 }
 
-SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r, sb_real *z, double size, sb_real *spare)
+SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r, sb_real *z, double size,
+                                         sb_real *spare)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size), smooth = job;
     if (!p->coarse.ready) {
@@ -36165,7 +36053,8 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID
+                                                                                      : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -36232,8 +36121,7 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
     return SB_OK;
 }
 
-static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                   sb_error *error)
+static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern, sb_error *error)
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
@@ -36437,8 +36325,7 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
 }
 
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
 {
     return sbi_precond_create(def, pattern, NULL, allocator, out, error);
 }
@@ -36493,11 +36380,11 @@ SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 /* ---- update -------------------------------------------------------------------------------------------- */
 
 /* *scale: the mean of its diagonal. */
-static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, double *scale, sb_error *error)
+static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *positions,
+                                          double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count ||
-        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
+    if (!p || !matrix || matrix->row_count != p->row_count || sbi_matrix_used_blocks(matrix) != p->block_count ||
+        sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -36512,8 +36399,10 @@ static sb_result sbi_precond_update_fsai(sb_preconditioner *p, const sb_matrix *
 {
     int bad = sbi_fsai_update(&p->fsai, a, p->matrix_scale, (double)SBI_PRECOND_MAX_SHIFT, &p->jobs, &p->shift);
     if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no factor of its row's matrix up to a shift "
-                             "of %g", bad, (double)SBI_PRECOND_MAX_SHIFT);
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
+                             "node %d: no factor of its row's matrix up to a shift "
+                             "of %g",
+                             bad, (double)SBI_PRECOND_MAX_SHIFT);
     return SB_OK;
 }
 
@@ -36580,8 +36469,8 @@ static void sbi_precond_update_all(sbi_precond_updating *work, const sb_vec3 *po
         sbi_precond_update_coarse(p, work->matrix, positions, NULL);
 }
 
-SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, sb_error *error)
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *positions,
+                                          sb_error *error)
 {
     sbi_precond_updating work;
     double scale = 1;
@@ -36625,8 +36514,7 @@ static void sbi_precond_turn(sb_preconditioner *p, const sb_matrix *a, const sb_
         const sb_real *diagonal = a->blocks[a->diagonal[i]];
         for (size_t k = 0; k < 3; k++) {
             double entry = (double)diagonal[4 * k] * p->matrix_scale;
-            sbi_f4_store(p->turns + 12 * i + 4 * k,
-                         sbi_f4_make((float)r.m[k][0], (float)r.m[k][1], (float)r.m[k][2]));
+            sbi_f4_store(p->turns + 12 * i + 4 * k, sbi_f4_make((float)r.m[k][0], (float)r.m[k][1], (float)r.m[k][2]));
             p->held[4 * i + k] = (a->fixed[i] >> k & 1) && entry > 0 ? (float)(1 / entry) : 0;
         }
         p->held[4 * i + 3] = 0;
@@ -36734,7 +36622,8 @@ SB_API sb_preconditioner_info sb_preconditioner_get_info(const sb_preconditioner
 /* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 1.
  *
  * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two
- * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
+ * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst
+ * 1987). */
 #include <float.h>
 #include <limits.h>
 #include <string.h>
@@ -36803,7 +36692,8 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of
+ * -1. */
 static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
@@ -36918,14 +36808,13 @@ static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *in
     sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
     sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
                                           (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8,
-                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
+    sbi_f4_store(inverse + 8, sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
     return 1;
 }
 
 /* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
-                                           double factor, sbi_float4 *d, float *least)
+SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i, double factor,
+                                           sbi_float4 *d, float *least)
 {
     const sb_real *block = a->blocks[a->diagonal[i]];
     for (int r = 0; r < 3; r++) {
@@ -36960,8 +36849,7 @@ SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
         sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
         float *out = p->lower + 12 * (size_t)e;
         for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r,
-                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
+            sbi_f4_store(out + 4 * r, sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
     }
 }
 
@@ -37149,7 +37037,10 @@ static void sbi_precond_backward(const sbi_precond_job *job, int part)
 }
 
 static void sbi_precond_forward_task(void *user, int half) { sbi_precond_forward((const sbi_precond_job *)user, half); }
-static void sbi_precond_backward_task(void *user, int half) { sbi_precond_backward((const sbi_precond_job *)user, half); }
+static void sbi_precond_backward_task(void *user, int half)
+{
+    sbi_precond_backward((const sbi_precond_job *)user, half);
+}
 
 SBI_API void sbi_precond_sweep(const sbi_precond_job *job)
 {
@@ -37532,8 +37423,8 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     return made;
 }
 
-/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
- * row has to the rows that it touches. */
+/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives
+ * what a row has to the rows that it touches. */
 static void sbi_precond_make_reach(sbi_precond_coarse *c)
 {
     for (int a = 0; a < c->piece_count; a++)
@@ -37612,8 +37503,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    if (!sbi_precond_find_pieces(p, a, positions, pieces) ||
-        !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
+    if (!sbi_precond_find_pieces(p, a, positions, pieces) || !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     if (!sbi_precond_make_entries(p, a))
@@ -37625,8 +37515,8 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
 
 /* ---- of a matrix that follows --------------------------------------------------------------------------- */
 
-/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the last
- * are one. Crumbs that a cut leaves are pieces of their own. */
+/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the
+ * last are one. Crumbs that a cut leaves are pieces of their own. */
 static int sbi_precond_most_pieces(int pieces) { return 2 * pieces + 32; }
 
 SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
@@ -37702,8 +37592,7 @@ static void sbi_precond_place_piece(sbi_precond_coarse *c, int piece)
 #if SBI_HAS_LANES
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
-              z0 = p0;
+    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0, z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
     int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
@@ -37807,8 +37696,7 @@ static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
  * factorisation. */
 static void sbi_precond_eliminate_rows(const double *rows, int width, int i, int end, double *SB_RESTRICT to)
 {
-    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width,
-                 *r5 = r4 + width;
+    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width, *r5 = r4 + width;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
@@ -37937,8 +37825,8 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
 
 /* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components
  * times force (no cross products in the loop). */
-static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale,
-                                       int with_result, int piece, double *out)
+static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale, int with_result,
+                                       int piece, double *out)
 {
     const sbi_precond_coarse *c = &p->coarse;
     sbi_float4 force = sbi_f4_make(0, 0, 0), by_x = force, by_y = force, by_z = force, torque;
@@ -38098,8 +37986,10 @@ static void sbi_precond_same(sbi_precond_walk *w, uint64_t value, const char *na
 {
     uint64_t got = sbi_precond_word(w, value, 8);
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && got != value)
-        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu "
-                             "there, %lu here", name, (unsigned long)got, (unsigned long)value);
+        w->result = sbi_fail(w->error, SB_ERROR_STATE,
+                             "the preconditioner was saved from another one: %s is %lu "
+                             "there, %lu here",
+                             name, (unsigned long)got, (unsigned long)value);
 }
 
 static double sbi_precond_double(sbi_precond_walk *w, double value)
@@ -38145,8 +38035,7 @@ static int sbi_precond_block_is_finite(const float *block)
 static int sbi_precond_block_is_definite(const float *b)
 {
     double minor = (double)b[0] * (double)b[4] - (double)b[1] * (double)b[3];
-    double det = minor * (double)b[8] -
-                 (double)b[5] * ((double)b[0] * (double)b[7] - (double)b[1] * (double)b[6]) +
+    double det = minor * (double)b[8] - (double)b[5] * ((double)b[0] * (double)b[7] - (double)b[1] * (double)b[6]) +
                  (double)b[2] * ((double)b[3] * (double)b[7] - (double)b[4] * (double)b[6]);
     return b[1] == b[3] && b[2] == b[6] && b[5] == b[7] && b[0] > 0 && minor > 0 && det > 0;
 }
@@ -38204,8 +38093,10 @@ static void sbi_precond_numbers(sbi_precond_walk *w, sb_preconditioner *p)
     memory.wait = sbi_int_of(sbi_precond_word(w, (uint64_t)(uint32_t)memory.wait, 4));
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK &&
         (!sbi_precond_is_memory(memory) || !(scale > 0) || scale != sbi_precond_power(0.5 / scale)))
-        w->result = sbi_fail(w->error, SB_ERROR_FORMAT, "the saved preconditioner has a shift %g or a scale %g that no "
-                             "update gives", memory.shift, scale);
+        w->result = sbi_fail(w->error, SB_ERROR_FORMAT,
+                             "the saved preconditioner has a shift %g or a scale %g that no "
+                             "update gives",
+                             memory.shift, scale);
     if (w->pass == SBI_PRECOND_READ) {
         p->matrix_scale = scale;
         sbi_precond_set_memory(p, memory);
@@ -38412,8 +38303,8 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
 }
 
 /* in = the guest's place: unknowns `own`, nodes x further than the base. */
-static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
-                                   const sb_real *held)
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own,
+                                   const sb_real *x, const sb_real *held)
 {
     sbi_guest_gather(space, work, own, x, held);
     for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
@@ -38711,8 +38602,8 @@ static void sbi_guest_clear_taken(const sbi_guest_space *space, sb_real *y)
             memset(y + 3 * (size_t)space->work[g].guest->nodes[k], 0, 3 * sizeof(sb_real));
 }
 
-/* The guests' rows of (A + G) z, z being 0 on taken nodes: of unknowns in out, of taken nodes in y, whose other rows are
- * scratch. */
+/* The guests' rows of (A + G) z, z being 0 on taken nodes: of unknowns in out, of taken nodes in y, whose other rows
+ * are scratch. */
 static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb_real *y)
 {
     for (int g = 0; g < space->count; g++)
@@ -38732,12 +38623,12 @@ static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb
 
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
- * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays in
- * what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with a
- * coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on nodes
- * of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
-SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                    double size)
+ * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
+ * in what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with
+ * a coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on
+ * nodes of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
+                                    sb_real *z, double size)
 {
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);
@@ -38828,30 +38719,30 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
     return options;
 }
 
-/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest of
- * the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
+/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest
+ * of the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
 typedef struct sbi_pcg_part {
-    double rhs_square;      /* |rhs|^2 of its rows, */
-    double target;          /* what |r|^2 has to come down to, */
-    double goal;            /* and in the present round */
-    double square;          /* |r|^2 */
-    double before;          /* the same when the round began, */
-    double recurred;        /* and by the recurrence when it ended */
-    double alpha, last_rz;  /* step along p, and r.z there */
-    double factor;          /* of the update at work */
-    double drift;           /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
+    double rhs_square;     /* |rhs|^2 of its rows, */
+    double target;         /* what |r|^2 has to come down to, */
+    double goal;           /* and in the present round */
+    double square;         /* |r|^2 */
+    double before;         /* the same when the round began, */
+    double recurred;       /* and by the recurrence when it ended */
+    double alpha, last_rz; /* step along p, and r.z there */
+    double factor;         /* of the update at work */
+    double drift;          /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
     int first_chunk;
-    int head;               /* the first of the parts that guests join with this one: all of them are kept there as one */
-    int next;               /* the next of them, or -1 */
-    int loose;              /* axes on which none of its rows is prescribed */
-    unsigned char fresh;    /* 1: its iteration starts; 0: it goes on along p */
-    unsigned char done;     /* 1: nothing is to be done in this round */
-    unsigned char stuck;    /* 1: rounding stops its progress */
-    unsigned char faint;    /* 1: its rhs is nothing beside that of the others */
+    int head;            /* the first of the parts that guests join with this one: all of them are kept there as one */
+    int next;            /* the next of them, or -1 */
+    int loose;           /* axes on which none of its rows is prescribed */
+    unsigned char fresh; /* 1: its iteration starts; 0: it goes on along p */
+    unsigned char done;  /* 1: nothing is to be done in this round */
+    unsigned char stuck; /* 1: rounding stops its progress */
+    unsigned char faint; /* 1: its rhs is nothing beside that of the others */
 } sbi_pcg_part;
 
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error)
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
+                                         sb_error *error)
 {
     sb_pcg_workspace made;
     size_t entries, parts, chunks, bytes = 0;
@@ -38900,11 +38791,11 @@ typedef struct sbi_pcg_state {
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
-    sbi_pcg_part *parts;    /* [part_count + 1] */
-    const int *part_rows;   /* rows by part; NULL: one part of all rows */
-    int whole[2];           /* where that one starts and ends */
-    const int *part_start;  /* [part_count + 1] */
-    double *partial;        /* [chunks][2] */
+    sbi_pcg_part *parts;     /* [part_count + 1] */
+    const int *part_rows;    /* rows by part; NULL: one part of all rows */
+    int whole[2];            /* where that one starts and ends */
+    const int *part_start;   /* [part_count + 1] */
+    double *partial;         /* [chunks][2] */
     sbi_guest_space *guests; /* NULL: none */
     const sb_jobs *jobs;
 } sbi_pcg_state;
@@ -38912,7 +38803,7 @@ typedef struct sbi_pcg_state {
 /* Rows of a task: at most SBI_ROW_CHUNK of one part. */
 typedef struct sbi_pcg_slice {
     const sbi_pcg_part *part; /* the head of its own */
-    const int *rows; /* NULL: first, first + 1, ... */
+    const int *rows;          /* NULL: first, first + 1, ... */
     int first, count;
 } sbi_pcg_slice;
 
@@ -39344,8 +39235,8 @@ static void sbi_pcg_precondition(sbi_pcg_state *s, sb_preconditioner *preconditi
         memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
 }
 
-/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
- * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old:
+ * with r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
  * quite symmetric. */
 static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, int max_iterations,
                                  sb_pcg_info *info)
@@ -39435,8 +39326,7 @@ static int sbi_pcg_is_sure(sbi_pcg_state *s)
     for (int g = 0; s->guests && g < s->guests->count; g++)
         s->guests->work[g].sums[0] = 0; /* its product is its own */
     for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
-        if (!part->stuck &&
-            !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
+        if (!part->stuck && !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
             return 0;
     return 1;
 }
@@ -39531,7 +39421,8 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
 {
     double tolerance = options->tolerance;
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    if (s->compact && s->current && sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
+    if (s->compact && s->current &&
+        sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
         sbi_pcg_true_residual(s);
     for (int c = 0; c < s->part_count; c++)
         s->parts[c].before = s->parts[c].square;
@@ -39613,8 +39504,8 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
         }
         part->loose = SB_XYZ & ~held;
         if (part->loose)
-            part->drift = rows * (least > tolerance * tolerance * part->square ? least
-                                                                               : tolerance * tolerance * part->square);
+            part->drift =
+                rows * (least > tolerance * tolerance * part->square ? least : tolerance * tolerance * part->square);
     }
 }
 
@@ -39665,8 +39556,8 @@ static sb_result sbi_pcg_finish(const sbi_pcg_state *s, sb_result result, sb_pcg
 }
 
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                                   int current, sb_pcg_info *info)
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, int current,
+                                   sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -39700,8 +39591,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
 }
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info)
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
 {
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 0, info);
 }
@@ -39780,10 +39670,13 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     return SB_OK;
 }
 
-SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
-                                             int nodes, sb_error *error)
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows,
+                                             int unknowns, int nodes, sb_error *error)
 {
-    enum { VECTORS = 4, ALIGNED = 64 }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
+    enum {
+        VECTORS = 4,
+        ALIGNED = 64
+    }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
     const sbi_guest *list[1];
     sbi_pcg_guest_space measured;
     sbi_arena arena = {NULL, 0, 0};
@@ -40012,7 +39905,8 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
     if (!idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
-    result = sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
+    result =
+        sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
     return sbi_pcg_finish(&state, result, &report, info);
 }
 
@@ -40050,8 +39944,7 @@ static sb_mat3 sbi_domain_jacobian(int node_count, const sb_vec3 *x, const sb_re
 }
 
 /* Gradients g_a = Je^-T dN_a/dxi at one point; returns det Je. */
-static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3],
-                                sb_real *gradient)
+static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3], sb_real *gradient)
 {
     sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
     sb_real det = sb_m3_det(jacobian);
@@ -40227,8 +40120,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.table = sbi_mesh_element_kind(mesh).table;
     made.mean_point = integration == SB_INTEGRATION_BBAR;
     made.nodes_per_cell = sb_mesh_element_width(mesh);
-    made.points_per_cell =
-        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
+    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
@@ -40309,7 +40201,8 @@ static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *
     const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
     if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
         (mass && !sbi_domain_all_finite(mass, pairs)))
-        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite",
+                                e);
     for (size_t p = 0; p < q; p++) {
         if (!(weights[p] >= 0))
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
@@ -40403,7 +40296,8 @@ static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *erro
 SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
 {
     if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that changes is of tet4 without masses of their own, not %s",
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "a mesh that changes is of tet4 without masses of their own, not %s",
                         sb_element_name(domain->element_type));
     return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
 }
@@ -40443,7 +40337,8 @@ SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], 
     return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error)
 {
     if (sbi_domain_is_upright(rule, x, share))
         return SB_OK;
@@ -40474,8 +40369,8 @@ SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change,
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
-static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x,
-                                         sb_real *mass, sb_real *load)
+static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x, sb_real *mass,
+                                         sb_real *load)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
@@ -40541,10 +40436,11 @@ static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
             mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
 }
 
-/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which a corner is full, the squares of the
- * other nodes' shape functions sum to next to nothing, while their slopes resist like those of any other material; the
- * step that central differences may take falls with the root of the quotient. So every node gets at least a share of what
- * it would have of these masses in the full cell; the cell's mass stays what it is. */
+/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which
+ * a corner is full, the squares of the other nodes' shape functions sum to next to nothing, while their slopes resist
+ * like those of any other material; the step that central differences may take falls with the root of the quotient. So
+ * every node gets at least a share of what it would have of these masses in the full cell; the cell's mass stays what
+ * it is. */
 static int sbi_domain_lump_part(int n, sb_real volume, const sb_real *full, sb_real *mass)
 {
     sb_real all = 0, sum = 0;
@@ -40577,8 +40473,7 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 {
     sb_real load[SB_MAX_ELEMENT_NODES];
     int n = sbi_element_node_count(element);
-    sb_real volume =
-        sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    sb_real volume = sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
         sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
     if (kind == SB_MASS_LUMPED)
@@ -40586,7 +40481,7 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 }
 
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
-                                     sb_real *mass, sb_real *volume_load)
+                                    sb_real *mass, sb_real *volume_load)
 {
     int n = domain->nodes_per_cell;
     const sb_real *own = domain->cell_mass;
@@ -40626,58 +40521,58 @@ SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_k
 
 /* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
 typedef struct sbi_grid_box {
-    sb_vec3 centre, half;   /* m */
-    unsigned undecided;     /* shapes whose surface may cut the box */
-    unsigned inside;        /* shapes that the whole box is inside of */
+    sb_vec3 centre, half;         /* m */
+    unsigned undecided;           /* shapes whose surface may cut the box */
+    unsigned inside;              /* shapes that the whole box is inside of */
     int near[SB_GRID_MAX_SHAPES]; /* triangle of each surface that was closest to the last centre, or -1 */
 } sbi_grid_box;
 
 /* What one region has of a cell, in shares of the cell. */
 typedef struct sbi_grid_part {
-    double phi[8];          /* share of each octant */
-    double mass[36];        /* int N_a N_b of the pairs a <= b */
+    double phi[8];   /* share of each octant */
+    double mass[36]; /* int N_a N_b of the pairs a <= b */
     int64_t points;
 } sbi_grid_part;
 
 /* A cell that may be kept. */
 typedef struct sbi_grid_candidate {
-    int box;                /* number in the lattice */
-    int level;              /* of its octree */
-    int part;               /* its parts start at this times slot_count, or -1: full of one region */
-    int slot;               /* that region; of a cut cell: the one with most of it */
+    int box;   /* number in the lattice */
+    int level; /* of its octree */
+    int part;  /* its parts start at this times slot_count, or -1: full of one region */
+    int slot;  /* that region; of a cut cell: the one with most of it */
     unsigned undecided, inside;
-    int first_cell;         /* of the body's mesh */
-    int cell_count;         /* there; 0: the cell is dropped */
+    int first_cell; /* of the body's mesh */
+    int cell_count; /* there; 0: the cell is dropped */
 } sbi_grid_candidate;
 
 typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
+    unsigned open;                               /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
-    int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
-    int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
-    unsigned *undecided, *inside;        /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
+    int slot_of[SB_GRID_MAX_SHAPES];             /* slot of each shape's region, or -1: empty */
+    int regions[SB_GRID_MAX_SHAPES];             /* [slot_count] */
+    unsigned *undecided, *inside;                /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
     int candidate_count, cut_count;
-    sbi_grid_candidate *candidates;      /* [candidate_count] */
-    int *cut;                            /* [cut_count] candidates that are cut */
-    sbi_grid_part *parts;                /* [cut_count][slot_count] */
-    sbi_grid_part full;                  /* of a cell inside */
-    double done, total;                  /* tasks, for progress */
-    int first_task;                      /* of the slab being run */
+    sbi_grid_candidate *candidates; /* [candidate_count] */
+    int *cut;                       /* [cut_count] candidates that are cut */
+    sbi_grid_part *parts;           /* [cut_count][slot_count] */
+    sbi_grid_part full;             /* of a cell inside */
+    double done, total;             /* tasks, for progress */
+    int first_task;                 /* of the slab being run */
     sb_task task;
 } sbi_grid_work;
 
 /* Walks an octree and hands points on: to the sums of the cell's parts, or to where finite cells are written. */
 typedef struct sbi_grid_walk {
     const sbi_grid_work *work;
-    sb_vec3 centre;         /* of the cell (m) */
+    sb_vec3 centre; /* of the cell (m) */
     int level;
-    sbi_grid_part *parts;   /* [slot_count], or NULL: */
-    int *at;                /* [slot_count] next point of each region, counted from the cell's first */
-    int first_cell;         /* of the body's mesh */
-    int bad;                /* 1: a distance was not finite */
+    sbi_grid_part *parts; /* [slot_count], or NULL: */
+    int *at;              /* [slot_count] next point of each region, counted from the cell's first */
+    int first_cell;       /* of the body's mesh */
+    int bad;              /* 1: a distance was not finite */
 } sbi_grid_walk;
 
 SB_INLINE const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
@@ -40721,8 +40616,8 @@ SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method ==
 /* Runs task(work, i) for i in [0, count), by slabs, and reports progress up to `share` of the whole. */
 SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
 SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
-/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
- * that the cells of a grid do not change with the level, and none that is kept is without mass. */
+/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely,
+ * so that the cells of a grid do not change with the level, and none that is kept is without mass. */
 SBI_API void sbi_grid_measure_cell(void *user, int index);
 SBI_API double sbi_grid_part_share(const sbi_grid_part *part);
 /* Share of a cut cell that is inside; *largest: the region that has most of it. */
@@ -40755,9 +40650,10 @@ enum { SBI_GRID_BAD = 1 << SB_GRID_MAX_SHAPES }; /* no bit of a shape */
 
 /* ---- distances ---- */
 
-/* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
- * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
-static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point, int *near)
+/* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the
+ * closest point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
+static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point,
+                                         int *near)
 {
     sb_surface_hit hit;
     sb_vec3 normal;
@@ -40796,7 +40692,8 @@ SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(surface, turned, NULL),
                                     "the surface of %s is inside out, or a part of it is (element %d belongs to it): "
                                     "sb_surface_repair turns it",
-                                    s == 0 ? "def.outer" : "an inner shape", sb_surface_triangle(surface, turned, NULL));
+                                    s == 0 ? "def.outer" : "an inner shape",
+                                    sb_surface_triangle(surface, turned, NULL));
         if (!sb_surface_is_closed(surface)) {
             work->open |= 1u << s;
             continue;
@@ -41055,9 +40952,9 @@ static void sbi_grid_classify_block(void *user, int index)
     int bx = sbi_grid_blocks(counts[0]), by = sbi_grid_blocks(counts[1]);
     int x0 = index % bx * SBI_GRID_BLOCK, y0 = index / bx % by * SBI_GRID_BLOCK, z0 = index / bx / by * SBI_GRID_BLOCK;
     sb_vec3 half = sb_v3_scale((sb_real)0.5, grid->cell_size);
-    sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
-                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
-                                           (1u << work->shape_count) - 1, 0);
+    sbi_grid_box block =
+        sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK), sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
+                          (1u << work->shape_count) - 1, 0);
     int good = sbi_grid_decide(work, sb_v3_norm(block.half), &block);
     for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
         for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
@@ -41106,8 +41003,8 @@ static sb_result sbi_grid_list_candidates(sbi_grid_work *work, int boxes, sb_err
             break;
         work->candidates = (sbi_grid_candidate *)sbi_alloc(allocator, (size_t)count, sizeof *work->candidates);
         work->cut = (int *)sbi_alloc(allocator, (size_t)cut, sizeof(int));
-        work->parts = (sbi_grid_part *)sbi_alloc_zeroed(allocator, (size_t)cut,
-                                                        (size_t)work->slot_count * sizeof *work->parts);
+        work->parts =
+            (sbi_grid_part *)sbi_alloc_zeroed(allocator, (size_t)cut, (size_t)work->slot_count * sizeof *work->parts);
         if (!work->candidates || !work->cut || !work->parts)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d cells of a grid", count);
     }
@@ -41124,8 +41021,9 @@ SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     work->inside = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
-    result = sbi_grid_run(work, sbi_grid_classify_block,
-                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+    result =
+        sbi_grid_run(work, sbi_grid_classify_block,
+                     sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
     return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 
@@ -41549,7 +41447,8 @@ static sb_result sbi_grid_check_def(const sb_grid_def *def, sb_error *error)
     if (def->inner_count < 0 || def->inner_count >= SB_GRID_MAX_SHAPES || (def->inner_count > 0 && !def->inner))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.inner is NULL, or def.inner_count %d not in [0, %d]",
                         def->inner_count, SB_GRID_MAX_SHAPES - 1);
-    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) || !(def->least_share < 1))
+    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) ||
+        !(def->least_share < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.void_stiffness %g and def.least_share %g must be in [0, 1)",
                         (double)def->void_stiffness, (double)def->least_share);
     if (def->max_points < 8)
@@ -41612,7 +41511,8 @@ static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_erro
     edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
     for (int i = 0; i < 3; i++) {
         begin[i] = from[i];
-        counts[i] = given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
+        counts[i] =
+            given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
     }
     if (!(counts[0] * counts[1] * counts[2] < INT32_MAX / 64))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a grid of %g x %g x %g cells is too large", counts[0], counts[1],
@@ -41841,7 +41741,8 @@ static int sbi_grid_find_cell(const sb_grid *grid, sb_vec3 point, double *gap)
 }
 
 /* Appends the row of a point; `index` names it in errors. */
-static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what, sb_error *error)
+static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what,
+                                  sb_error *error)
 {
     const sb_grid *grid = filling->grid;
     double xi[3], shape[8], gap;
@@ -41866,8 +41767,8 @@ static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int 
     return SB_OK;
 }
 
-SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
-                                    sb_grid_rows *rows, sb_error *error)
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count,
+                                    const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error)
 {
     sbi_grid_filling filling;
     sb_result result;
@@ -41920,8 +41821,8 @@ static sb_result sbi_grid_add_surface_point(sbi_grid_filling *filling, const sb_
     return sbi_grid_add_row(filling, point, triangle, "a point of triangle", error);
 }
 
-/* Appends the points of a triangle. Each piece, upright or upside down in the net of lines parallel to the edges, has the
- * three points of the rule of degree 2. */
+/* Appends the points of a triangle. Each piece, upright or upside down in the net of lines parallel to the edges, has
+ * the three points of the rule of degree 2. */
 static sb_result sbi_grid_add_triangle(sbi_grid_filling *filling, const sb_vec3 corners[3], int pieces, int triangle,
                                        sb_error *error)
 {
@@ -41951,7 +41852,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
 {
     sb_result result;
     if (!grid || !grid->lattice || !surface || !rows || (triangles && count < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_map_surface needs a grid, a surface and a place for the rows");
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_grid_map_surface needs a grid, a surface and a place for the rows");
     result = sbi_mesh_check_arrays(surface, error);
     if (result != SB_OK)
         return result;
@@ -41960,7 +41862,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
                         sb_element_name(surface->element_type));
     for (int i = 0; triangles && i < count; i++)
         if (triangles[i] < 0 || triangles[i] >= surface->element_count)
-            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d", triangles[i]);
+            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d",
+                                    triangles[i]);
     return SB_OK;
 }
 
@@ -42021,49 +41924,49 @@ SB_API void sb_grid_add_traction(const sb_grid_rows *rows, const sb_vec3 *tracti
 
 typedef struct sbi_assembly {
     const sb_domain *domain;
-    const sb_material *materials;  /* [material_count] */
+    const sb_material *materials; /* [material_count] */
     int material_count;
-    const int *cell_material;      /* [cell_count] index into materials */
-    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
-                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
-    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
-    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
-                                    * fibres */
+    const int *cell_material; /* [cell_count] index into materials */
+    sb_material *shares;      /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                               * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;    /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                               * fibres */
     const sb_jobs *jobs;
-    const sb_vec3 *reference;      /* [node_count] (m) */
-    int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
-                                    * energy watches: the rule makes it jump */
-    sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                                    * size of the moduli, so this times epsilon is their rounding error */
-    int batched;                   /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *reference; /* [node_count] (m) */
+    int unknots;              /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                               * energy watches: the rule makes it jump */
+    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                               * size of the moduli, so this times epsilon is their rounding error */
+    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
-    int *colour_start;             /* [colour_count + 1] into colour_chunks */
-    int *colour_chunks;            /* [chunk_count] */
-    sb_real *chunk_energy;         /* [chunk_count] (J) */
-    int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
+    int *colour_start;     /* [colour_count + 1] into colour_chunks */
+    int *colour_chunks;    /* [chunk_count] */
+    sb_real *chunk_energy; /* [chunk_count] (J) */
+    int *chunk_bad_cell;   /* [chunk_count] first cell with an inadmissible F, or -1 */
 
     /* memory of materials with Prony terms, NULL before the first */
-    int viscous;                   /* 1: some material has terms now */
-    int terms;                     /* most terms that the memory has room for */
-    sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
-                                    * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
-    sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
+    int viscous;        /* 1: some material has terms now */
+    int terms;          /* most terms that the memory has room for */
+    sb_real *history;   /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
+                         * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
+    sb_real *prestress; /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
     /* tet4 and tet10 with corotated material (see assembly_batch.h): cells in batches of vector lanes, blocks gathered
      * edge by edge. n nodes and q points per cell */
-    int mixed;                     /* 1: not all cells have the same lambda / mu */
-    sb_real *batch_gradients;      /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
-    sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
-    sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
+    int mixed;                /* 1: not all cells have the same lambda / mu */
+    sb_real *batch_gradients; /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
+    sb_real *batch_moduli;    /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
+    sb_real *batch_quats;     /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
-    sb_real *ratios;               /* [cell_count] lambda / mu */
-    int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
-    int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    sb_real *rotated;               /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
+    sb_real *ratios;                /* [cell_count] lambda / mu */
+    int *pair_start;                /* [block_count + 1] into pairs; only blocks above the diagonal have any */
+    int *pairs;                     /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
@@ -42094,9 +41997,9 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
- * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
- * this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
+/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y:
+ * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
+ * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
@@ -42143,10 +42046,10 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
                                 sb_quat *rotation);
 
 /* Volume times the stress that all points of a cell with one rotation r, that of their mean gradient f, have besides
- * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment: the
- * axial vector sum_ij e_ijk (w P F^T)_ij summed over the cell's points; stiffness: their w mu. Without it the forces of
- * a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where moments are
- * large. */
+ * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment:
+ * the axial vector sum_ij e_ijk (w P F^T)_ij summed over the cell's points; stiffness: their w mu. Without it the
+ * forces of a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where
+ * moments are large. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness);
 
 /* ---- assembly: readings ---- */
@@ -42199,7 +42102,8 @@ SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly 
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
-/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
+/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their
+ * rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
 /* y += R C R^T x of these cells, with the rotations as they are. */
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);
@@ -42222,17 +42126,18 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
     int node_capacity, cell_capacity, block_capacity;
-    int cell_end;          /* slots before the change at hand */
-    int *corner_first;     /* [node_capacity] or -1 */
-    int *corner_next;      /* [4 cell_capacity] or -1 */
-    int *pair_first;       /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
-    int *pair_next;        /* [6 cell_capacity] by cell and pair of nodes, or -1 */
-    int *place, *last;     /* [node_capacity] scratch */
-    int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
-    unsigned char *marks;  /* [node_capacity] zeros between calls */
-    unsigned char *kept;   /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
+    int cell_end;         /* slots before the change at hand */
+    int *corner_first;    /* [node_capacity] or -1 */
+    int *corner_next;     /* [4 cell_capacity] or -1 */
+    int *pair_first;      /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
+    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1 */
+    int *place, *last;    /* [node_capacity] scratch */
+    int *rows, row_count; /* [node_capacity] rows whose maps the change at hand makes anew */
+    unsigned char *marks; /* [node_capacity] zeros between calls */
+    unsigned char
+        *kept; /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
-    int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
+    int *chunk_nodes; /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
     int *chunk_node_count; /* [chunks], -1: to be listed again */
     int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
     sb_real *units;        /* [chunks] energy units of the chunks */
@@ -42240,8 +42145,8 @@ typedef struct sbi_assembly_live {
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
     int inherited_capacity;
     size_t stride;
-    void *memory;          /* of the arrays above */
-    void *arrays;          /* of the assembly's, once they have outgrown the place they were made in */
+    void *memory; /* of the arrays above */
+    void *arrays; /* of the assembly's, once they have outgrown the place they were made in */
 } sbi_assembly_live;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -42253,8 +42158,8 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
                                        sb_error *error);
 /* Memory for changes that make so many cells. */
 SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error);
-/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
- * viscous memory, without a parent those of rest. */
+/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation
+ * and viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
@@ -42302,13 +42207,13 @@ SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weig
     return volume > 0 ? sb_m3_scale(1 / volume, sum) : sb_m3_identity();
 }
 
-/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does, so
- * that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
+/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does,
+ * so that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
  * df = [w]x f + dV R gives (tr(V) I - V) w = axial(df R^T - R df^T); hence dW = ([n]x R) : df with
  * (tr(V) I - V) n = m. The eigenvalues of that matrix are sums of two principal stretches, 2 at rest; where they come
  * near 0 the cell is about to be inside out and R to jump. There, and where the points have turned so far against each
- * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised steps
- * of violent motion would not be stable. */
+ * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised
+ * steps of violent motion would not be stable. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness)
 {
     const sb_real least = (sb_real)0.1, most = (sb_real)0.2; /* product of the eigenvalues; |n|/stiffness */
@@ -42422,8 +42327,7 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
         assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
         assembly->saved_batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
     }
-    assembly->rotated =
-        (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
+    assembly->rotated = (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
     if (domain->cell_capacity)
         return; /* pairs are in rings */
@@ -42544,7 +42448,8 @@ SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
     sb_real values[4];
     values[0] = quat.w, values[1] = quat.x, values[2] = quat.y, values[3] = quat.z;
     for (size_t k = 0; k < 4; k++)
-        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] = values[k];
+        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] =
+            values[k];
 }
 
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
@@ -42590,8 +42495,8 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
-/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them would
- * otherwise read and write memory for each product. */
+/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
+ * would otherwise read and write memory for each product. */
 
 /* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
@@ -42609,8 +42514,8 @@ SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POL
 
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
-                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
-                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int rest,
+                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
@@ -42881,8 +42786,8 @@ static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_r
         for (int k = 0; k < 9; k++)
             for (int l = 0; l < SB_POLAR_LANES; l++)
                 stress[9 * p + k][l] += mu[l] * mean[k][l];
-        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
-                        10, 1, out);
+        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p),
+                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, out);
     }
 }
 
@@ -42891,8 +42796,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
-                              10, 1, f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10,
+                              1, f + 9 * p);
     if (assembly->domain->single_rotation) {
         sbi_batch_force_single(assembly, batch, SBI_BATCH_ROWS(f), r);
         sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(r), 10, force);
@@ -42903,8 +42808,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     for (int p = 0; p < 4; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
         sbi_batch_stress(SBI_BATCH_ROWS(r + 9 * p), moduli, moduli + SB_POLAR_LANES, f + 9 * p);
-        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p),
-                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
+        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                        10, 1, d);
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }
@@ -43284,8 +43189,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
-    assembly->rotations =
-        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->rotations = (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
@@ -43442,7 +43346,7 @@ typedef enum sbi_assembly_work {
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
     sbi_assembly_work work;
-    const int *chunks;          /* of the running colour */
+    const int *chunks; /* of the running colour */
     const sb_vec3 *u;
     sb_vec3 *force;
     sb_matrix *matrix;
@@ -43532,7 +43436,8 @@ static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
         return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    rotation[0] = sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
+    rotation[0] =
+        sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
     for (int p = 1; p < q; p++)
         rotation[p] = rotation[0];
     return 1;
@@ -43578,14 +43483,14 @@ static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
 }
 
 /* P += fibres + F H at all points; 0, and its flag (flags may be NULL), where the fibres do not admit F. */
-static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
+static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress,
+                                       int *flags)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
+        if ((weights[p] > 0 || flags) && !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -43630,13 +43535,12 @@ static sb_mat3 sbi_point_semidefinite(sb_mat3 a)
 }
 
 /* A_ijkl += fibres + delta_ik H_jl, without H's negative part when the tangent has to be semidefinite. */
-static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f, sb_tangent_kind kind,
-                                       sb_real *tangent)
+static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f,
+                                       sb_tangent_kind kind, sb_real *tangent)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
-    if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
+    if (p < sbi_cell_fibre_points(assembly, material) && !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -43743,8 +43647,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 /* ---- energy ---- */
 
 /* Energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, const int q,
-                                     const int scheme, const sb_quat *start, sb_real *sum)
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                     const int q, const int scheme, const sb_quat *start, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
@@ -43846,8 +43750,8 @@ SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real
             for (int k = 0; k < 3; k++) {
                 sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
                 for (int b = 0; b < n; b++)
-                    out[b] += t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] +
-                              t[i][3 * k + 2] * by_axis[2][b];
+                    out[b] +=
+                        t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] + t[i][3 * k + 2] * by_axis[2][b];
             }
     }
 }
@@ -43913,28 +43817,28 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
 
 /* ---- instances per element type ---- */
 
-#define SBI_EACH_ELEMENT(CALL)                                                                                  \
-    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                 \
-    case SB_TET4: CALL(4, 1, 0); break;                                                                         \
-    case SB_TET10:                                                                                              \
-        if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                         \
-        } else if (domain->single_rotation) {                                                                   \
-            CALL(10, 4, SBI_CELL_SINGLE);                                                                       \
-        } else {                                                                                                \
-            CALL(10, 4, SBI_CELL_PLAIN);                                                                        \
-        }                                                                                                       \
-        break;                                                                                                  \
-    case SB_HEX8:                                                                                               \
-        if (domain->mean_point) {                                                                               \
-            CALL(8, 9, SBI_CELL_MEAN);                                                                          \
-        } else {                                                                                                \
-            CALL(8, 8, SBI_CELL_PLAIN);                                                                         \
-        }                                                                                                       \
-        break;                                                                                                  \
-    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                         \
-    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                         \
-    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                                   \
+#define SBI_EACH_ELEMENT(CALL)                                                                                         \
+    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                        \
+    case SB_TET4: CALL(4, 1, 0); break;                                                                                \
+    case SB_TET10:                                                                                                     \
+        if (domain->points_per_cell != 4) {                                                                            \
+            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                                \
+        } else if (domain->single_rotation) {                                                                          \
+            CALL(10, 4, SBI_CELL_SINGLE);                                                                              \
+        } else {                                                                                                       \
+            CALL(10, 4, SBI_CELL_PLAIN);                                                                               \
+        }                                                                                                              \
+        break;                                                                                                         \
+    case SB_HEX8:                                                                                                      \
+        if (domain->mean_point) {                                                                                      \
+            CALL(8, 9, SBI_CELL_MEAN);                                                                                 \
+        } else {                                                                                                       \
+            CALL(8, 8, SBI_CELL_PLAIN);                                                                                \
+        }                                                                                                              \
+        break;                                                                                                         \
+    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                                \
+    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                                \
+    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                             \
     }
 
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
@@ -44003,7 +43907,8 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     if (terms <= assembly->terms)
         return SB_OK;
     stride = 6 * (1 + (size_t)terms);
-    history = (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
+    history =
+        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
     if (!prestress)
         prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
     if (!history || !prestress) {
@@ -44080,8 +43985,9 @@ static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
             continue;
         relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
         for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(
-                &relaxed, !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR);
+            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
+                                                                          : k    ? SBI_SHARE_VOLUME
+                                                                                 : SBI_SHARE_SHEAR);
     }
 }
 
@@ -44119,7 +44025,7 @@ typedef struct sbi_memory_job {
     sbi_assembly *assembly;
     const sb_vec3 *u; /* the end of a step of dt, or NULL */
     sb_real dt;
-    int material;     /* of the cells in question, or -1 */
+    int material; /* of the cells in question, or -1 */
 } sbi_memory_job;
 
 /* The memory of a cell moves on to the end of a step. */
@@ -44159,7 +44065,8 @@ static void sbi_memory_chunk(void *user, int chunk)
     sbi_assembly *assembly = job->assembly;
     for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         int index = assembly->cell_material[e];
-        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
+            (job->material >= 0 && job->material != index))
             continue;
         if (job->u)
             sbi_memory_advance_cell(job, e);
@@ -44181,7 +44088,10 @@ static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, 
     return 1;
 }
 
-SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt) { return sbi_memory_run(assembly, NULL, dt, -1); }
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
+{
+    return sbi_memory_run(assembly, NULL, dt, -1);
+}
 
 SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
 {
@@ -44860,21 +44770,21 @@ typedef struct sbi_elimination {
     sb_allocator allocator;
     sbi_equations equations;
     int node_count;
-    int *order;            /* [count] equations, masters before their slaves */
-    unsigned char *slave;  /* [node_count] eliminated axes as bits */
-    unsigned char *held;   /* [node_count] mask of the last condensed system */
+    int *order;                   /* [count] equations, masters before their slaves */
+    unsigned char *slave;         /* [node_count] eliminated axes as bits */
+    unsigned char *held;          /* [node_count] mask of the last condensed system */
     sb_real *force, *saved_force; /* [count] multipliers (N per unit coefficient) of the last solve */
-    sb_real *start_gap;    /* [count] way of each slave to where it belongs (m), at the start of the step */
-    sb_real *gap;          /* [count] the same at the present displacement and load factor */
-    sb_vec3 *reduced;      /* [node_count] condensed residual */
-    sb_vec3 *work;         /* [node_count] */
+    sb_real *start_gap;           /* [count] way of each slave to where it belongs (m), at the start of the step */
+    sb_real *gap;                 /* [count] the same at the present displacement and load factor */
+    sb_vec3 *reduced;             /* [node_count] condensed residual */
+    sb_vec3 *work;                /* [node_count] */
 
     /* T: the rows of nodes with slaves; of the others it is the identity */
-    int *first;            /* [node_count + 1] into master and weight */
+    int *first; /* [node_count + 1] into master and weight */
     int *master;
-    sb_real (*weight)[9];  /* row-major: [axis of the node][axis of the master] */
-    int *positions;        /* block of `matrix` for each pair of masters of each block of the full matrix */
-    sb_matrix matrix;      /* T^T A T */
+    sb_real (*weight)[9]; /* row-major: [axis of the node][axis of the master] */
+    int *positions;       /* block of `matrix` for each pair of masters of each block of the full matrix */
+    sb_matrix matrix;     /* T^T A T */
     sb_preconditioner *precond;
     sbi_precond_memory saved_precond;
     void *memory;
@@ -44882,8 +44792,8 @@ typedef struct sbi_elimination {
 
 /* What an elimination is made for; borrowed. */
 typedef struct sbi_elimination_setup {
-    const sb_matrix *matrix;      /* the full matrix; its pattern is read */
-    const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
+    const sb_matrix *matrix;          /* the full matrix; its pattern is read */
+    const sb_vec3 *positions;         /* [node_count] (m), for the coarse space of the preconditioner */
     const sb_preconditioner *precond; /* of the full matrix; that of the condensed one is made like it */
     const sb_allocator *allocator;
 } sbi_elimination_setup;
@@ -45014,13 +44924,13 @@ static int sbi_elimination_slave_dof(const sbi_elimination *e, int c)
 /* Scratch of a creation. Rows of T, one per equation: entries begin[c] .. end[c] - 1 of dof and weight. */
 typedef struct sbi_elimination_maker {
     const sbi_elimination_setup *setup;
-    int *owner;            /* [3 node_count] equation whose slave the unknown is, or -1 */
-    int *slot;             /* [3 node_count] where the row at work has the unknown, or -1 */
-    int *next, *stack;     /* [count] */
-    unsigned char *state;  /* [count] 0: not met, 1: being followed, 2: done */
-    int *begin, *end;      /* [count] */
-    int *dof;              /* [capacity] */
-    double *weight;        /* [capacity] */
+    int *owner;           /* [3 node_count] equation whose slave the unknown is, or -1 */
+    int *slot;            /* [3 node_count] where the row at work has the unknown, or -1 */
+    int *next, *stack;    /* [count] */
+    unsigned char *state; /* [count] 0: not met, 1: being followed, 2: done */
+    int *begin, *end;     /* [count] */
+    int *dof;             /* [capacity] */
+    double *weight;       /* [capacity] */
     int used, capacity;
     void *memory, *rows;
 } sbi_elimination_maker;
@@ -45041,9 +44951,8 @@ static sb_result sbi_elimination_claim(sbi_elimination *e, sbi_elimination_maker
     for (int c = 0; c < q->count; c++) {
         int dof = q->dof[q->start[c]];
         if (maker->owner[dof] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
-                                 "node %d is the slave of two constraints along %c", dof / 3,
-                                 sbi_elimination_axis(dof));
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3, "node %d is the slave of two constraints along %c",
+                                 dof / 3, sbi_elimination_axis(dof));
         for (int k = q->start[c] + 1; k < q->start[c + 1]; k++)
             if (q->dof[k] == dof)
                 return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
@@ -45551,8 +45460,8 @@ SBI_API int sbi_elimination_open(sbi_elimination *e, const sb_vec3 *u, sb_real l
     for (int c = 0; c < e->equations.count; c++) {
         e->gap[c] = 0;
         if (load_factor != 0) /* at 0 the start itself is the goal, and rounding must not tell otherwise */
-            e->gap[c] = sbi_elimination_goal(e, c, u, load_factor) -
-                        sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
+            e->gap[c] =
+                sbi_elimination_goal(e, c, u, load_factor) - sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
         open |= e->gap[c] != 0;
     }
     return open;
@@ -45582,15 +45491,16 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
  *     } while (sbi_step_begin_again(&step, &result));
  *     return result == SB_OK ? result : sbi_step_undo(&step, result);
  *
- * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From begin to
- * commit or undo nothing else may change the body.
+ * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From
+ * begin to commit or undo nothing else may change the body.
  *
- * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated step
- * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
- * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
- * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
- * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
- * displacements were set, constraints changed, a static solve), guests take part in finding it. */
+ * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated
+ * step has converged when both are small enough. A guest's rows count by the motion that they stand for, as in
+ * conjugate gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions
+ * of supports are what they hold of guests, too: the sum of all forces on the body, those of guests included, is its
+ * change of momentum. Where the acceleration that Newmark and generalised alpha start from is not known (a body's first
+ * step, or the first after displacements were set, constraints changed, a static solve), guests take part in finding
+ * it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
@@ -45599,22 +45509,22 @@ SBI_API void sbi_elimination_follow(const sbi_elimination *e, sb_vec3 *u, sb_rea
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info;    /* where the caller wants none */
-    double begun;             /* on the body's clock (s) */
-    int dynamic;              /* 1: a time step; 0: a static solve */
-    int done;                 /* 1: nothing is left to be solved */
-    int iteration;            /* of Newton, from 0 */
-    sb_tangent_kind kind;     /* of the tangent in A */
-    sbi_guests guests;        /* solved together with the body */
-    int guests_begun;         /* those of them that have begun */
-    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info; /* where the caller wants none */
+    double begun;          /* on the body's clock (s) */
+    int dynamic;           /* 1: a time step; 0: a static solve */
+    int done;              /* 1: nothing is left to be solved */
+    int iteration;         /* of Newton, from 0 */
+    sb_tangent_kind kind;  /* of the tangent in A */
+    sbi_guests guests;     /* solved together with the body */
+    int guests_begun;      /* those of them that have begun */
+    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
-    sb_real dt;               /* s */
-    sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
-    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real dt;     /* s */
+    sb_real hold;   /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
+    sb_real cv, ca; /* dv/du (1/s) and da/du (1/s^2) */
     sb_real known_velocity[2], known_acceleration[2]; /* factors of v and a at the start in v and a, of free axes */
-    sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real load_factor;                              /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
                                * loads that follow the body have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
@@ -45624,28 +45534,29 @@ typedef struct sbi_step {
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
     int line_search;
-    int linearised;           /* one iteration, taken as it is */
-    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
-                               * has it in A already */
-    int has_velocity;         /* v may differ from 0 at the current u */
+    int linearised;     /* one iteration, taken as it is */
+    int lagged_damping; /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                         * has it in A already */
+    int has_velocity;   /* v may differ from 0 at the current u */
 
     /* where it is */
-    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
-    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
-    sb_real scale;            /* largest force (N), to compare residuals with */
-    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
-    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
+    int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;          /* the part of the increment that closes gaps is still to be added to the solution */
+    sb_real scale;           /* largest force (N), to compare residuals with */
+    sb_real load_size;       /* times epsilon: rounding of the forces of springs (N) */
+    sb_real norm, last_norm; /* residual on free axes (N), now and one iteration ago */
+    sb_real energy;          /* elastic (J), at the current u; valid when energy_known */
     int energy_known;
-    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
-    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
+    int cautious; /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;    /* 1: the quasi tangent, as long as each iteration halves the residual */
 } sbi_step;
 
-/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what their solves need
- * is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (see
- * sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a guest on a node with an
- * axis that constraints eliminate (error.node; its masters serve); what the material, the solver or a guest refuses. */
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent,
+ * constraints and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what
+ * their solves need is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT,
+ * SB_ERROR_INDEX (see sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a
+ * guest on a node with an axis that constraints eliminate (error.node; its masters serve); what the material, the
+ * solver or a guest refuses. */
 SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                  sb_step_info *info, sbi_step *step);
 /* Solves the present linear system for the body's increment and the guests' unknowns. Where the exact tangent is not
@@ -45654,14 +45565,15 @@ SBI_API sb_result sbi_step_solve(sbi_step *step);
 /* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
  * system is ready. */
 SBI_API sb_result sbi_step_advance(sbi_step *step);
-/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
- * is told. A failure leaves the step open, as do all failures above. */
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the
+ * recorder is told. A failure leaves the step open, as do all failures above. */
 SBI_API sb_result sbi_step_commit(sbi_step *step);
-/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
- * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
- * it. */
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised
+ * alpha extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search
+ * sees it. */
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns result. */
+/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns
+ * result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
 /* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
@@ -45670,8 +45582,8 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
 #endif /* SB_STEP_PARTS_H */
 
 /* ==== src/softbody/body/body_guest.h ==== */
-/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor 3,
- * internal. What they do to a body is recorded, and replays to the last bit without them. */
+/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor
+ * 3, internal. What they do to a body is recorded, and replays to the last bit without them. */
 #ifndef SB_BODY_GUEST_H
 #define SB_BODY_GUEST_H
 
@@ -45679,23 +45591,25 @@ SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest 
 /* ---- readings ---- */
 SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed, free cells among the others */
 SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, free cells among the others */
-/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does. Release
- * with sb_mesh_free. SB_ERROR_MEMORY. */
-SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does.
+ * Release with sb_mesh_free. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh,
+                                     sb_error *error);
 /* SB_ERROR_STATE unless the body's mesh is what it was when sb_body_mesh_version gave `version`. For those that do not
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
-SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API double sbi_body_now(const sb_body *body);      /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
-/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
- * slack. SB_ERROR_MEMORY changes nothing. */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to
+ * its slack. SB_ERROR_MEMORY changes nothing. */
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
-SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where fixed axes are to be: displacements (m) */
+SBI_API const sb_vec3 *
+sbi_body_targets(const sb_body *body);               /* [nodes] where fixed axes are to be: displacements (m) */
 SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
@@ -45730,22 +45644,22 @@ SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *
 SBI_API sb_result sbi_body_factor(sb_body *body, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error);
 
 /* ---- a load from outside ---- */
-/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force (N)
- * on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l l^T].
- * Called once for each residual, by one thread; what it writes must not depend on threads. */
+/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force
+ * (N) on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l
+ * l^T]. Called once for each residual, by one thread; what it writes must not depend on threads. */
 typedef struct sbi_potential sbi_potential;
 typedef void (*sbi_potential_fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
 /* rows are copied. The body does not have the load until it is lent, but room for it. */
 SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
                                        const sb_allocator *allocator, sbi_potential **potential, sb_error *error);
 SBI_API void sbi_potential_destroy(sbi_potential *potential);
-/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads took
- * the room. */
+/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads
+ * took the room. */
 SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error);
 SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential);
-/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor; the
- * linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between sbi_step_solve
- * solves for sbi_relax_increment. Not for bodies with constraints. */
+/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor;
+ * the linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between
+ * sbi_step_solve solves for sbi_relax_increment. Not for bodies with constraints. */
 SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
                                   sb_step_info *info, sbi_step *step);
 SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step); /* [nodes] (m); may be changed */
@@ -45763,9 +45677,9 @@ SBI_API sb_result sbi_body_reserve_mapping_lines(sb_body *body, int load_id);
 /* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
  * Floor 3, internal.
  *
- * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
- * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
- * tells one command, which its `replay` does again. */
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording
+ * holds their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will,
+ * then it tells one command, which its `replay` does again. */
 #ifndef SB_STATE_PART_H
 #define SB_STATE_PART_H
 
@@ -45782,13 +45696,13 @@ typedef struct sbi_state_out {
 SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
 
 typedef struct sbi_state_part {
-    char name[9];  /* eight characters at most; each name once in a body */
-    int version;   /* of its bytes */
+    char name[9]; /* eight characters at most; each name once in a body */
+    int version;  /* of its bytes */
     void *user;
     /* Gives its bytes, the same ones as long as nothing has changed. */
     void (*save)(const void *user, sbi_state_out *out);
-    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
-     * needs. Nothing that a step could notice changes. */
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that
+     * this needs. Nothing that a step could notice changes. */
     sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
     /* Becomes it; the body has its own state back already, and listeners have followed. */
     void (*load)(void *user, const unsigned char *bytes, size_t size);
@@ -45809,8 +45723,8 @@ SBI_API void sbi_body_leave(sb_body *body, const char *name);
 SBI_API void sbi_body_mute(sb_body *body);
 SBI_API void sbi_body_unmute(sb_body *body);
 /* A command of the part that changes the body or the part. */
-SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
-                                size_t real_count);
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count,
+                                const sb_real *reals, size_t real_count);
 /* The same of a command that is a step, with its result: also told when it failed. */
 SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
                                      size_t int_count, const sb_real *reals, size_t real_count);
@@ -45833,10 +45747,10 @@ typedef struct sbi_state_parts {
 SBI_API void sbi_state_parts_free(sb_body *body);
 /* Bytes of all parts as the image has them. */
 SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
-/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
- * up. */
-SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
-                                        sb_error *error);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have
+ * given up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes,
+                                        size_t size, sb_error *error);
 SBI_API void sbi_state_parts_give_up(const sb_body *owner);
 SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
 /* The first ints of a part's command name it. */
@@ -45853,66 +45767,70 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
 #define SB_BODY_PRIVATE_H
 
 
-typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3,
-                             SBI_LOAD_POTENTIAL = 4 } sbi_load_kind;
+typedef enum sbi_load_kind {
+    SBI_LOAD_PRESSURE = 1,
+    SBI_LOAD_SPRINGS = 2,
+    SBI_LOAD_MAPPING = 3,
+    SBI_LOAD_POTENTIAL = 4
+} sbi_load_kind;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
- * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines (see
- * body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced twins,
- * balanced, force, net. */
+ * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines
+ * (see body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced
+ * twins, balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
-    void *memory;             /* the one block behind the arrays */
-    int row_count;            /* springs, rows, or faces */
-    int *row_start;           /* [row_count + 1] */
-    int *nodes;               /* [row_start[row_count]] */
-    int *blocks;              /* for each row, the matrix block of each pair of its nodes */
-    int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
-    int balanced;             /* 1: a static solve has ended with the balanced values */
+    void *memory;        /* the one block behind the arrays */
+    int row_count;       /* springs, rows, or faces */
+    int *row_start;      /* [row_count + 1] */
+    int *nodes;          /* [row_start[row_count]] */
+    int *blocks;         /* for each row, the matrix block of each pair of its nodes */
+    int pattern_version; /* of the pattern that blocks are positions in; -1: of none yet */
+    int balanced;        /* 1: a static solve has ended with the balanced values */
 
-    sb_element_type *face_types; /* [row_count] of a pressure */
+    sb_element_type *face_types;         /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
 
-    sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */
+    sb_real *weights;                        /* [row_start[row_count]]; rows only, as all below */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
-                               * and not as a position, the force has the displacement's precision */
-    sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
-    sb_vec3 *lines;           /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
-                               * line l, of at most unit length, it is that much softer. Of a mapping in line_memory, and
-                               * NULL again where a registration's call ends */
-    void *line_memory;        /* of a mapping that has had lines; or NULL */
+                                        * and not as a position, the force has the displacement's precision */
+    sb_vec3 *force;                    /* [row_count] (N) on the body, in the last solve */
+    sb_vec3 *lines;    /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
+                        * line l, of at most unit length, it is that much softer. Of a mapping in line_memory,
+                        * and NULL again where a registration's call ends */
+    void *line_memory; /* of a mapping that has had lines; or NULL */
     void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
     void *fill_user;
-    double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
+    double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
-    sb_real stable_step;         /* at the last look (s) */
-    int age;                     /* substeps since */
-    int ledger_open;             /* 1: energy means something */
-    int caution, calm;           /* plan of substeps, and calls that went well with it */
-    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
+    sb_real stable_step; /* at the last look (s) */
+    int age;             /* substeps since */
+    int ledger_open;     /* 1: energy means something */
+    int caution, calm;   /* plan of substeps, and calls that went well with it */
+    double energy;       /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
-    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
-    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
-    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
-    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
-    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
-    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
-    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
-    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
-    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_DESTROY = 0,   /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,  /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,   /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,   /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,    /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,       /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6, /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
+    SBI_COMMAND_RELEASE = 7,   /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,    /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,  /* a: corners; ints: faces; reals: 3 */
     SBI_COMMAND_CLEAR_LOADS = 10,
-    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
-    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_DISPLACEMENTS = 11, /* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,    /* reals: one vector per node */
     SBI_COMMAND_RESET = 13,
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
@@ -45922,20 +45840,20 @@ typedef enum sbi_command_code {
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
     SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
-    SBI_COMMAND_ADD_MAPPING = 21,  /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
-    SBI_COMMAND_POINTS = 22,       /* a: load, b: its kind; reals: points */
-    SBI_COMMAND_STIFFNESS = 23,    /* a: load, b: uniform; ints: its kind; reals: stiffness */
-    SBI_COMMAND_REMOVE_LOAD = 24,  /* a: load */
+    SBI_COMMAND_ADD_MAPPING = 21, /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
+    SBI_COMMAND_POINTS = 22,      /* a: load, b: its kind; reals: points */
+    SBI_COMMAND_STIFFNESS = 23,   /* a: load, b: uniform; ints: its kind; reals: stiffness */
+    SBI_COMMAND_REMOVE_LOAD = 24, /* a: load */
     SBI_COMMAND_ADD_CONSTRAINTS = 25,    /* a: count; ints: starts (from any number), unknowns; reals: values,
                                           * coefficients */
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
-    SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
-    SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
-    SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
-    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
-    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
+    SBI_COMMAND_CHANGE = 29,    /* ints and reals: the calls of a change of the mesh, see live_change.c */
+    SBI_COMMAND_PLACE = 32,     /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,     /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,      /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35, /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -45968,32 +45886,32 @@ struct sb_body {
 
     /* what it is made of */
     sb_domain domain;
-    int own_points;              /* 1: the domain came with the def, not from the elements */
+    int own_points; /* 1: the domain came with the def, not from the elements */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
     sbi_assembly assembly;
-    int node_capacity;           /* node slots that the arrays by node have room for */
-    void *memory;                /* the one block behind the arrays by node */
-    void *topology_memory;       /* the one behind those by part and by block of the matrix, and those in assembly */
-    struct sbi_live *live;       /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
-    int material_count;          /* one per region of the mesh */
-    int *material_regions;       /* [material_count] ascending region numbers */
-    sb_material *materials;      /* [material_count] */
-    int *cell_material;          /* [cell_count] */
-    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
-    sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
-    int component_count;         /* connected parts */
+    int node_capacity;      /* node slots that the arrays by node have room for */
+    void *memory;           /* the one block behind the arrays by node */
+    void *topology_memory;  /* the one behind those by part and by block of the matrix, and those in assembly */
+    struct sbi_live *live;  /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
+    int material_count;     /* one per region of the mesh */
+    int *material_regions;  /* [material_count] ascending region numbers */
+    sb_material *materials; /* [material_count] */
+    int *cell_material;     /* [cell_count] */
+    sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
+    sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
+    int component_count;    /* connected parts */
     sb_index_table element_component;
     sb_index_lists node_elements;
-    int *node_component;         /* [node_count], -1: no element */
+    int *node_component; /* [node_count], -1: no element */
 
     /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
     int extra_count;
-    int *extra_start;            /* [extra_count + 1] */
-    int *extra_nodes;            /* [extra_start[extra_count]] */
-    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
-    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+    int *extra_start;     /* [extra_count + 1] */
+    int *extra_nodes;     /* [extra_start[extra_count]] */
+    void *pattern_memory; /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;  /* rises when the pattern changes: block positions kept elsewhere are stale then */
 
     /* settings */
     sb_mass_kind mass_kind;
@@ -46006,52 +45924,52 @@ struct sb_body {
     int max_substeps;
 
     /* mass */
-    sb_real *lumped_mass;        /* [node_count] (kg) */
-    sb_real *part_scale;         /* [parts of the matrix] largest force (N) of each, to compare its residual with */
-    sb_real *mass_blocks;        /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
-    sb_real *load_mass;          /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
+    sb_real *lumped_mass; /* [node_count] (kg) */
+    sb_real *part_scale;  /* [parts of the matrix] largest force (N) of each, to compare its residual with */
+    sb_real *mass_blocks; /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
+    sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
-    unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
-    sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
-    sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
-    sbi_load *loads;             /* [load_count] by ascending id */
+    unsigned char *fixed; /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;      /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;   /* [node_count] forces and tractions (N) */
+    sbi_load *loads;      /* [load_count] by ascending id */
     int load_count, load_capacity, last_load_id;
-    int tie_count, tie_capacity; /* parts that rows of mappings tie to each other */
-    int *tie_of;                 /* [component_count] number among the tied parts, or -1 */
-    double *tie_gram;            /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
-    int support_used;            /* blocks in the rows of nodes with fixed axes */
-    int support_capacity;        /* blocks that support_blocks holds */
-    sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
-    sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
-    double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
+    int tie_count, tie_capacity;  /* parts that rows of mappings tie to each other */
+    int *tie_of;                  /* [component_count] number among the tied parts, or -1 */
+    double *tie_gram;             /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
+    int support_used;             /* blocks in the rows of nodes with fixed axes */
+    int support_capacity;         /* blocks that support_blocks holds */
+    sb_real (*support_blocks)[9]; /* tangent rows of nodes with fixed axes, kept before they are masked */
+    sb_real (*damping_blocks)[9]; /* stiffness at the start of a step of several iterations, for D; or NULL */
+    double (*support_grams)[36];  /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
-    int (*component_faces)[6];   /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
+    int (*component_faces)[6]; /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */
-    int next_constraint;         /* number of the next one */
+    int next_constraint;          /* number of the next one */
 
     /* state */
-    sb_vec3 *reference;          /* [node_count] (m) */
+    sb_vec3 *reference; /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
-    int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
-    int force_current;           /* 1: internal holds the force at displacement */
+    int acceleration_known; /* 0: the next Newmark step solves M a = f first */
+    int force_current;      /* 1: internal holds the force at displacement */
     sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
-    sb_vec3 *internal;           /* internal force (N) */
-    sb_vec3 *external;           /* loads of the last solve (N) */
-    sb_vec3 *follower;           /* forces of `loads` at the displacement of the last residual (N) */
-    sb_vec3 *equilibrated;       /* dead loads that the last static solve ended with (N) */
-    sb_vec3 *residual;           /* M a + D v + internal - external */
+    sb_vec3 *internal;     /* internal force (N) */
+    sb_vec3 *external;     /* loads of the last solve (N) */
+    sb_vec3 *follower;     /* forces of `loads` at the displacement of the last residual (N) */
+    sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
+    sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
-    sb_vec3 *start;              /* displacement at the start of the step */
+    sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
     int saved_force_current, saved_unknots;
     sbi_precond_memory saved_precond;
-    sb_vec3 *converged;          /* displacement at the last converged load increment */
+    sb_vec3 *converged; /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
 
@@ -46059,18 +45977,18 @@ struct sb_body {
  * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
  * give up. */
 typedef struct sbi_body_pattern {
-    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    int needed; /* 0: every row fits the present pattern, and nothing was made */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sbi_elimination *elimination; /* NULL: the body has no constraints */
     int extra_count;
     int *extra_start, *extra_nodes;
     void *memory;
-    sb_real *mass_blocks;        /* NULL: lumped */
-    int *pair_start;             /* NULL: not a batched body */
+    sb_real *mass_blocks; /* NULL: lumped */
+    int *pair_start;      /* NULL: not a batched body */
     int support_used, support_capacity;
-    void *support_blocks;        /* NULL: the present ones are large enough */
-    void *damping_blocks;        /* NULL: the body has none */
+    void *support_blocks; /* NULL: the present ones are large enough */
+    void *damping_blocks; /* NULL: the body has none */
 } sbi_body_pattern;
 
 /* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
@@ -46126,8 +46044,8 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the o
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
-/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not right
- * any more, and boxes are to be made again; */
+/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not
+ * right any more, and boxes are to be made again; */
 SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x);
 SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x);
 SBI_API int sbi_body_box_is_right(const sb_body *body, int component);
@@ -46195,9 +46113,9 @@ SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 
 /* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
 typedef struct sbi_body_rows {
     int count;
-    const int *start;       /* [count + 1] */
-    const int *nodes;       /* nodes of the terms, each along every axis; or NULL: */
-    const int *dofs;        /* 3 node + axis of the terms */
+    const int *start; /* [count + 1] */
+    const int *nodes; /* nodes of the terms, each along every axis; or NULL: */
+    const int *dofs;  /* 3 node + axis of the terms */
     const sb_real *weights;
 } sbi_body_rows;
 /* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
@@ -46213,10 +46131,7 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
 /* Points of an element that others may see: its mean point is ours. */
-SB_INLINE int sbi_body_points(const sb_body *body)
-{
-    return body->domain.points_per_cell - body->domain.mean_point;
-}
+SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
 
 #endif /* SB_BODY_PRIVATE_H */
 
@@ -46227,18 +46142,19 @@ SB_INLINE int sbi_body_points(const sb_body *body)
 
 
 /* Slots of nodes or of cells. The next ones to be used are stack[count - 1] .. stack[0], then fresh, fresh + 1 ...; a
- * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a change
- * and its inverse leave no trace. */
+ * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a
+ * change and its inverse leave no trace. */
 typedef struct sbi_slots {
-    int end;            /* slots in use or free lie below */
+    int end; /* slots in use or free lie below */
     int fresh;
-    int count;          /* of the stack */
-    int *stack;         /* [capacity] */
-    unsigned char *used;/* [capacity] */
+    int count;           /* of the stack */
+    int *stack;          /* [capacity] */
+    unsigned char *used; /* [capacity] */
     int capacity;
 } sbi_slots;
 
-SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used,
+                             const sb_allocator *allocator); /* 0: no memory */
 SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
 /* The same slots, in arrays with room for them. */
 SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from);
@@ -46255,19 +46171,19 @@ typedef struct sbi_listener {
 
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
-    sb_quadrature_kind rule;  /* of the domain's points */
-    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;             /* of the def */
-    sb_real *masses;          /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
-    int *node_marks;          /* [nodes.capacity] zeros between calls */
+    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_quadrature_kind rule; /* of the domain's points */
+    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;            /* of the def */
+    sb_real *masses; /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
+    int *node_marks; /* [nodes.capacity] zeros between calls */
     unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
-    sb_body_change *spare;    /* a change with its lists, for the next one; NULL while it is open */
-    void *lists;              /* behind the lists of a change while it is made */
+    sb_body_change *spare;     /* a change with its lists, for the next one; NULL while it is open */
+    void *lists;               /* behind the lists of a change while it is made */
     size_t list_bytes;
     int version;
-    int rebuilds;             /* times that a change made a body anew, or tried to: for tests */
-    sb_body_change *open;     /* the change under way, or NULL */
+    int rebuilds;         /* times that a change made a body anew, or tried to: for tests */
+    sb_body_change *open; /* the change under way, or NULL */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
 } sbi_live;
@@ -46275,13 +46191,13 @@ typedef struct sbi_live {
 /* A mesh in slots, as a body is to have it. */
 typedef struct sbi_live_mesh {
     sbi_slots nodes, cells;
-    sb_vec3 *positions;       /* [nodes.end] */
-    int *corners;             /* [cells.end][n]; 0 in free slots */
-    int *material;            /* [cells.end] index of the region */
-    sb_real *shares;          /* [cells.end] 0: free */
-    int *inherit;             /* [cells.end] cell of the body that it inherits from, or -1: none */
-    unsigned char *kept;      /* [cells.end] 1: it is that cell */
-    sb_vec3 *fibres;          /* [cells.end] unit directions or 0; NULL: the body has none */
+    sb_vec3 *positions;  /* [nodes.end] */
+    int *corners;        /* [cells.end][n]; 0 in free slots */
+    int *material;       /* [cells.end] index of the region */
+    sb_real *shares;     /* [cells.end] 0: free */
+    int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
+    unsigned char *kept; /* [cells.end] 1: it is that cell */
+    sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
     void *memory;
 } sbi_live_mesh;
 
@@ -46348,7 +46264,7 @@ enum { SBI_LIVE_CARRIED = 8 };
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);
 /* Motion of a node made (or moved with sources), from the body before the change. */
 typedef struct sbi_live_motion {
-    int node;                /* -1: it keeps what it has */
+    int node; /* -1: it keeps what it has */
     unsigned char fixed;
     sb_vec3 displacement, velocity, acceleration, target;
 } sbi_live_motion;
@@ -46407,16 +46323,16 @@ SB_INLINE int sbi_live_cell_of(const sb_body *body, int at)
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
-    int first, count;  /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
+    int first, count; /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
     int flags;
-    int dropped;       /* 1: made and removed again */
+    int dropped; /* 1: made and removed again */
     sb_vec3 position;
 } sbi_changed_node;
 
 typedef struct sbi_changed_cell {
-    int cell, parent;  /* parent: number before the change, or -1 */
-    int material;      /* index of its region */
-    int first;         /* its corners */
+    int cell, parent; /* parent: number before the change, or -1 */
+    int material;     /* index of its region */
+    int first;        /* its corners */
     int dropped, has_fibre;
     sb_real share;
     sb_vec3 fibre;
@@ -46430,14 +46346,29 @@ typedef struct sbi_change_entry {
 struct sb_body_change {
     sb_body *body;
     sbi_slots nodes, cells; /* as they are at this point */
-    struct { sbi_changed_node *items; int count, capacity; } made_nodes, removed_nodes, moved_nodes;
-    struct { sbi_changed_cell *items; int count, capacity; } made_cells;
-    struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
-    struct { sbi_change_entry *items; int count, capacity; } entries;
-    struct { sb_real *items; int count, capacity; } log_reals;
+    struct {
+        sbi_changed_node *items;
+        int count, capacity;
+    } made_nodes, removed_nodes, moved_nodes;
+    struct {
+        sbi_changed_cell *items;
+        int count, capacity;
+    } made_cells;
+    struct {
+        int *items;
+        int count, capacity;
+    } removed_cells, corners, log_ints;
+    struct {
+        sbi_change_entry *items;
+        int count, capacity;
+    } entries;
+    struct {
+        sb_real *items;
+        int count, capacity;
+    } log_reals;
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
-    int reshaped_most; /* upper bound of the cells reshaped */
-    int version;       /* of the body's mesh at the beginning */
+    int reshaped_most;      /* upper bound of the cells reshaped */
+    int version;            /* of the body's mesh at the beginning */
 };
 
 /* The arrays behind an sb_mesh_change. */
@@ -46451,13 +46382,14 @@ typedef struct sbi_change_lists {
     sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
-    int *nodes, *gone, *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
+    int *nodes, *gone,
+        *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
     size_t node_room;
 } sbi_change_lists;
 
 /* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
- * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has happened; 1: *result
- * says how it went. */
+ * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has
+ * happened; 1: *result says how it went. */
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
                             sb_result *result, sb_error *error);
 /* Asks all listeners; on failure those asked before give up. */
@@ -46473,10 +46405,7 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
 #include <string.h>
 
 
-SBI_API int sbi_body_is_heard(const sb_body *body)
-{
-    return body->observe && !(body->parts && body->parts->muted > 0);
-}
+SBI_API int sbi_body_is_heard(const sb_body *body) { return body->observe && !(body->parts && body->parts->muted > 0); }
 
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count)
@@ -46508,10 +46437,7 @@ SBI_API void sbi_body_tell_command(sb_body *body, const sbi_command *command)
 
 /* ---- regions ---- */
 
-static int sbi_body_region(const sb_mesh *mesh, int element)
-{
-    return mesh->regions ? mesh->regions[element] : 0;
-}
+static int sbi_body_region(const sb_mesh *mesh, int element) { return mesh->regions ? mesh->regions[element] : 0; }
 
 /* Index of a region in the ascending list, or where it would stand (then *found is 0). */
 static int sbi_body_find_region(const int *regions, int count, int region, int *found)
@@ -46629,7 +46555,8 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     count = body->domain.cell_count;
     for (int e = 0; fibres && e < count; e++)
         if (!sb_v3_is_finite(fibres[e]))
-            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
+                                    e);
     copy = body->fibres;
     if (!fibres) {
         for (int i = 0; i < body->material_count; i++) {
@@ -46675,9 +46602,10 @@ SBI_API sb_result sbi_body_check_material(const sb_material *material, int singl
 
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {
-        material->density, material->lambda, material->mu,  material->c10,             material->d1,
-        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,       material->lambda, material->mu,
+                                                 material->c10,           material->d1,     material->c01,
+                                                 material->c20,           material->c30,    material->fibre_stiffness,
+                                                 material->fibre_exponent};
     memcpy(reals, moduli, sizeof moduli);
     memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
     memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
@@ -46741,8 +46669,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
     return SB_OK;
 }
 
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error)
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material, sb_error *error)
 {
     sb_result result;
     int at, found;
@@ -46876,10 +46803,17 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
 }
 
 /* What a part's lumped masses are to sum to and do. */
-enum { SBI_SUM_MASS = 0, SBI_SUM_LEAST = 1, SBI_SUM_REST = 2, SBI_SUM_FIRST = 3, SBI_SUM_WANTED = 6, SBI_SUM_SECOND = 9 };
+enum {
+    SBI_SUM_MASS = 0,
+    SBI_SUM_LEAST = 1,
+    SBI_SUM_REST = 2,
+    SBI_SUM_FIRST = 3,
+    SBI_SUM_WANTED = 6,
+    SBI_SUM_SECOND = 9
+};
 
-/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may resist
- * more than it weighs, as cells do that an immersed grid's void stiffness holds. */
+/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may
+ * resist more than it weighs, as cells do that an immersed grid's void stiffness holds. */
 static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x, sb_real density)
 {
     const sb_domain *domain = &body->domain;
@@ -46896,7 +46830,8 @@ static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x
             SBI_LEAST_MASS * density * volume * full[a] / all;
 }
 
-/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were any. */
+/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were
+ * any. */
 static int sbi_body_lift_masses(sb_body *body)
 {
     int n = body->domain.node_count, lifted = 0;
@@ -46922,7 +46857,8 @@ static int sbi_body_lift_masses(sb_body *body)
     return lifted;
 }
 
-/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's corner. */
+/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's
+ * corner. */
 static void sbi_body_sum_moments(sb_body *body)
 {
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
@@ -46951,8 +46887,8 @@ static void sbi_body_tilt_masses(sb_body *body)
         sb_vec3 size = sb_v3_sub(body->component_high[c], body->component_low[c]), shift, tilt, centre;
         sb_mat3 second;
         for (int k = 0; k < 9 && m > 0; k++)
-            second.m[k / 3][k % 3] = (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] *
-                                                                             sum[SBI_SUM_FIRST + k % 3] / m) / m);
+            second.m[k / 3][k % 3] =
+                (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] * sum[SBI_SUM_FIRST + k % 3] / m) / m);
         if (!(m > 0))
             continue;
         centre = sb_v3((sb_real)(sum[SBI_SUM_FIRST] / m), (sb_real)(sum[SBI_SUM_FIRST + 1] / m),
@@ -46972,8 +46908,8 @@ static void sbi_body_tilt_masses(sb_body *body)
         if (body->node_component[i] >= 0) {
             const double *tilt = body->support_grams[body->node_component[i]];
             sb_vec3 x = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
-            body->lumped_mass[i] *= (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y +
-                                              tilt[2] * (double)x.z - tilt[3]);
+            body->lumped_mass[i] *=
+                (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y + tilt[2] * (double)x.z - tilt[3]);
         }
 }
 
@@ -47164,8 +47100,8 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
         start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
     memcpy(nodes, domain->cells, own * sizeof(int));
     memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
-    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
-                              error);
+    result =
+        sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix, error);
     sbi_free(&body->allocator, start);
     if (result == SB_OK)
         result = sbi_live_make_matrix(body, &pattern->matrix, error);
@@ -47195,10 +47131,9 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
             pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
-        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
-                                    pattern->support_used;
-        pattern->support_blocks =
-            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+        pattern->support_capacity =
+            sbi_min_int(most - pattern->support_used, pattern->support_used / 2) + pattern->support_used;
+        pattern->support_blocks = sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
     }
     if (body->damping_blocks)
         pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));
@@ -47437,7 +47372,7 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
 }
 
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
-                                   sb_error *error)
+                                    sb_error *error)
 {
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
@@ -47456,8 +47391,10 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
-                                                                                         : "nodes is NULL");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s",
+                        !body       ? "body is NULL"
+                        : count < 0 ? "count is negative"
+                                    : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
@@ -47472,8 +47409,8 @@ SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *node
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
     for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
         if (!sb_v3_is_finite(vectors[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i,
+                                 what, nodes[i]);
     return SB_OK;
 }
 
@@ -47540,18 +47477,20 @@ static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_ta
     return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
 }
 
-static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes,
+                                   const sbi_support_targets *targets)
 {
     if (!targets->vectors)
         sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
     else if (count > 0)
         sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
-                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) |
+                          (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
                       nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
 }
 
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
-                                  sb_error *error)
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes,
+                                  const sbi_support_targets *targets, sb_error *error)
 {
     sb_result result = sbi_body_check_nodes(body, nodes, count, error);
     if (result == SB_OK)
@@ -47560,8 +47499,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         return result;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i],
+                                 "node %d is the slave of a constraint on these axes", nodes[i]);
     if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
     for (int i = 0; i < count; i++) {
@@ -47569,8 +47508,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
-                                                body->target[node]);
+        body->target[node] =
+            sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i), body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
@@ -47616,8 +47555,7 @@ SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int
             body->fixed[nodes[i]] &= (unsigned char)~axes;
             if (held && !body->fixed[nodes[i]])
                 body->support_used -= sbi_body_row_length(body, nodes[i]);
-            body->reaction[nodes[i]] =
-                sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
+            body->reaction[nodes[i]] = sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
@@ -47628,8 +47566,8 @@ SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, i
     return sb_body_hold(body, nodes, count, axes, NULL);
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *displacements,
+                                   int uniform)
 {
     sbi_support_targets targets = {displacements, uniform, 0};
     return sbi_body_send(body, nodes, count, axes, &targets, NULL);
@@ -47896,7 +47834,8 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
     }
     for (int c = 0; c < body->component_count; c++) {
         double trace;
-        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose
+                                 : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
             continue;
         for (int i = 0; i < body->domain.node_count; i++)
             if (body->node_component[i] == c)
@@ -48259,7 +48198,8 @@ static void sbi_body_sum_gradients(const sb_body *body, sb_vec3 *rows[3])
             size_t point = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
             const sb_real *g = domain->gradients + 3 * (size_t)width * point;
             for (int a = 0; a < width; a++, g += 3) {
-                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]), slope = sb_v3(g[0], g[1], g[2]);
+                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]),
+                        slope = sb_v3(g[0], g[1], g[2]);
                 f[0] = sb_v3_madd(f[0], x.x, slope);
                 f[1] = sb_v3_madd(f[1], x.y, slope);
                 f[2] = sb_v3_madd(f[2], x.z, slope);
@@ -48443,7 +48383,8 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio is too high for this element, which locks and is too stiff: use B-bar hex8";
+    case SB_CHECK_LOCKING:
+        return "Poisson's ratio is too high for this element, which locks and is too stiff: use B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";
@@ -48546,12 +48487,32 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
 enum { SBI_BODY_VECTORS = 26 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
-    sb_vec3 **list[SBI_BODY_VECTORS] = {
-        &body->reference, &body->position, &body->displacement, &body->velocity, &body->target, &body->dead_load,
-        &body->acceleration, &body->internal, &body->external, &body->follower, &body->equilibrated, &body->residual,
-        &body->rhs, &body->increment, &body->reaction, &body->velocity0, &body->acceleration0, &body->start,
-        &body->saved_velocity, &body->saved_acceleration, &body->saved_reaction, &body->saved_external,
-        &body->saved_internal, &body->converged, &body->work, &body->work2};
+    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
+                                        &body->position,
+                                        &body->displacement,
+                                        &body->velocity,
+                                        &body->target,
+                                        &body->dead_load,
+                                        &body->acceleration,
+                                        &body->internal,
+                                        &body->external,
+                                        &body->follower,
+                                        &body->equilibrated,
+                                        &body->residual,
+                                        &body->rhs,
+                                        &body->increment,
+                                        &body->reaction,
+                                        &body->velocity0,
+                                        &body->acceleration0,
+                                        &body->start,
+                                        &body->saved_velocity,
+                                        &body->saved_acceleration,
+                                        &body->saved_reaction,
+                                        &body->saved_external,
+                                        &body->saved_internal,
+                                        &body->converged,
+                                        &body->work,
+                                        &body->work2};
     memcpy(vectors, list, sizeof list);
 }
 
@@ -48573,10 +48534,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
     size_t parts = (size_t)sbi_live_part_room(body);
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
-                                                 sizeof(sb_real));
+    body->part_scale =
+        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
+        body->mass_blocks =
+            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -48612,9 +48574,9 @@ SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
 SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
 {
     body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
-    return body->topology_memory ? SB_OK
-                                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements",
-                                            body->domain.cell_count);
+    return body->topology_memory
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
 }
 
 SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
@@ -48658,13 +48620,13 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
 static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
-                                          error);
+    sb_result result =
+        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
     if (result == SB_OK)
         result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
     if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
-                                  domain->cells, &body->allocator, &body->matrix, error);
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &body->allocator, &body->matrix, error);
     return result;
 }
 
@@ -48923,8 +48885,8 @@ SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i],
+                                 "node %d belongs to no element: no force can act on it", nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -48989,8 +48951,7 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 /* ---- traction ---- */
 
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
-                                  sb_vec3 traction)
+static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule, sb_vec3 traction)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
     for (int a = 0; a < face->count; a++)
@@ -49005,8 +48966,8 @@ static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, cons
     }
 }
 
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error)
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
+                                      sb_error *error)
 {
     sbi_load_rule rule;
     rule.type = SB_NO_ELEMENT;
@@ -49137,8 +49098,8 @@ static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int 
 }
 
 /* A pressure load of these faces, its pressure still 0. */
-static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners,
-                                     sbi_load *load, sb_error *error)
+static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners, sbi_load *load,
+                                     sb_error *error)
 {
     size_t entries = 0, pairs = 0;
     sbi_body_face face;
@@ -49168,8 +49129,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     sbi_load load;
     sb_result result;
     if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -49182,7 +49142,8 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     }
     load.pressure = pressure;
     sbi_load_append(body, &load, load_id);
-    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure, 1);
+    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure,
+                  1);
     return SB_OK;
 }
 
@@ -49329,8 +49290,8 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     return SB_OK;
 }
 
-SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
-                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error)
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *points, int *load_id, sb_error *error)
 {
     sb_mapping mapping;
     sb_result result;
@@ -49361,9 +49322,9 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     mapping.row_start = starts;
     mapping.nodes = nodes;
     mapping.weights = ones;
-    result = starts && ones ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id,
-                                                error)
-                            : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
+    result = starts && ones
+                 ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id, error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
     sbi_free(&body->allocator, starts);
     sbi_free(&body->allocator, ones);
     return result;
@@ -49385,11 +49346,15 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
-                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping has a weight at node %d, which "
-                                        "no element has", j, mapping->nodes[k]);
+                return sbi_fail_element(error, SB_ERROR_INDEX, j,
+                                        "row %d of the mapping has a weight at node %d, which "
+                                        "no element has",
+                                        j, mapping->nodes[k]);
             if (!sb_is_finite(mapping->weights[k]))
-                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "row %d of the mapping has a weight that is "
-                                        "not finite", j);
+                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j,
+                                        "row %d of the mapping has a weight that is "
+                                        "not finite",
+                                        j);
         }
     return SB_OK;
 }
@@ -49422,7 +49387,8 @@ static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind k
     for (int j = 0; j < load->row_count && result == SB_OK; j++) { /* as sbi_load_put_points will: may overflow */
         double x[3];
         sbi_load_rest_point(body, load, j, x);
-        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) || !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
+        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) ||
+            !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
             !sb_is_finite((sb_real)((double)points[j].z - x[2])))
             result = SB_ERROR_NOT_FINITE;
     }
@@ -49496,14 +49462,14 @@ SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec
 
 static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
 {
-    return factor == 1 ? load->pressure
-                       : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
+    return factor == 1 ? load->pressure : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
 }
 
 static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
 {
     sb_real from = load->balanced_stiffness ? load->balanced_stiffness[row] : 0;
-    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row]
+                                                    : from + factor * (load->stiffness[row] - from);
 }
 
 static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
@@ -49572,7 +49538,8 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
     for (int p = 0; p < rule->count; p++) {
         sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
         for (int b = 0; b < count; b++) {
-            sb_vec3 arm = sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
+            sb_vec3 arm =
+                sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
             for (int a = 0; a < count; a++)
                 k[a][b] = sb_v3_madd(k[a][b], pressure * rule->weights[p] * rule->shape[p][a], arm);
         }
@@ -49748,8 +49715,8 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
             }
             way = sbi_body_row_value(load, j, du);
             work.linear += sb_v3_dot(sbi_load_row_force(load, j, u, factor), way);
-            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 *
-                              sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
+            work.quadratic -=
+                sbi_load_stiffness_at(load, j, factor) / 2 * sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
         }
     }
     return work;
@@ -49846,8 +49813,9 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
             }
             load->force[j] = sbi_load_row_force(load, j, row_u, factor);
             for (int a = 0; a < count; a++)
-                sbi_load_collect(body, row_u, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]),
-                                 load, body->external);
+                sbi_load_collect(body, row_u, nodes[a],
+                                 sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,
+                                 body->external);
         }
     }
 }
@@ -50145,8 +50113,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     if (def->slack == 0)
         return SB_OK;
     if (def->domain)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.slack does not go with def.domain: where points of new cells "
-                                                     "would be is unknown");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with def.domain: where points of new cells "
+                        "would be is unknown");
     live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     body->live = live;
     if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
@@ -50158,13 +50127,15 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
     for (int e = 0; e < cells; e++)
         live->shares[e] = 1;
-    live->rule = body->domain.points_per_cell - body->domain.mean_point ==
-                         sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
-                     ? SB_QUADRATURE_STIFFNESS
-                     : SB_QUADRATURE_STIFFNESS_CURVED;
+    live->rule =
+        body->domain.points_per_cell - body->domain.mean_point ==
+                sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
+            ? SB_QUADRATURE_STIFFNESS
+            : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
-    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    live->follows =
+        body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
     result = sbi_live_take_marks(body, error);
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }
@@ -50253,9 +50224,9 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
 /* ==== src/softbody/body/live_follow.c ==== */
 /* live_follow: a change made on the body in place, at the cost of what changed.
  *
- * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to live_build.c,
- * which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes, chunks and
- * preconditioner depend on the mesh alone. */
+ * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to
+ * live_build.c, which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes,
+ * chunks and preconditioner depend on the mesh alone. */
 
 #include <string.h>
 
@@ -50267,8 +50238,8 @@ typedef struct sbi_live_following {
     const sb_mesh_change *out;
     int old_nodes, old_cells; /* ends before */
     sbi_live_balance velocity, acceleration;
-    int first;                /* see sbi_live_first_changed */
-    int node_count;           /* of lists->nodes */
+    int first;      /* see sbi_live_first_changed */
+    int node_count; /* of lists->nodes */
     sbi_tet_rule rule;
 } sbi_live_following;
 
@@ -50940,7 +50911,8 @@ static sb_result sbi_live_check_slots(const sbi_slots *slots, int end, const cha
     for (int i = 0; i < slots->fresh; i++)
         stacked += !slots->used[i];
     if (stacked != slots->count)
-        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what, slots->count);
+        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what,
+                        slots->count);
     for (int k = 0; k < slots->count; k++)
         if (slots->stack[k] < 0 || slots->stack[k] >= slots->fresh || slots->used[slots->stack[k]])
             return sbi_fail(error, SB_ERROR_STATE, "slot %d of %s waits though it is in use", slots->stack[k], what);
@@ -50993,7 +50965,8 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     return SB_OK;
 }
 
-/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6] zeros. */
+/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6]
+ * zeros. */
 static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
 {
     for (int i = 0; i < body->domain.node_count; i++) {
@@ -51011,7 +50984,8 @@ static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_e
     }
     for (int c = 0; c < body->component_count; c++)
         if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
-            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts", c);
+            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts",
+                            c);
     return SB_OK;
 }
 
@@ -51027,8 +51001,8 @@ static sb_result sbi_live_check_parts(const sb_body *body, sb_error *error)
         if (body->fixed[i] && body->node_component[i] >= 0)
             blocks += body->matrix.row_end[i] - body->matrix.row_start[i];
     if (result == SB_OK && blocks != body->support_used)
-        result = sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks,
-                          body->support_used);
+        result =
+            sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks, body->support_used);
     return result;
 }
 
@@ -51081,8 +51055,8 @@ SB_API sb_result sb_body_live_check(const sb_body *body, sb_error *error)
 /* live_change: a change of the mesh as it is put together, checked and handed on.
  *
  * Every call is also written down as numbers (log), so that a recording can make the same calls again. Numbers of nodes
- * and cells mean what they are at that point of the change; sources and parents that the change itself made are resolved
- * to those before it when they are named. */
+ * and cells mean what they are at that point of the change; sources and parents that the change itself made are
+ * resolved to those before it when they are named. */
 
 #include <string.h>
 
@@ -51129,8 +51103,8 @@ static int sbi_change_grow(sb_body_change *change, void **array, int *capacity, 
     return 1;
 }
 
-#define SBI_CHANGE_ROOM(change, list, more) \
-    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more, \
+#define SBI_CHANGE_ROOM(change, list, more)                                                                            \
+    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more,      \
                     sizeof *(change)->list.items)
 
 static sb_result sbi_change_no_memory(sb_error *error)
@@ -51406,8 +51380,9 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     int slot, expanded;
     sb_result result;
     if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_node needs a change, a place for the number, at "
-                                                  "least one source and known flags");
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_body_change_add_node needs a change, a place for the number, at "
+                        "least one source and known flags");
     if (!sb_v3_is_finite(position))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the place of the new node is not finite");
     result = sbi_change_check_list(change, sources, weights, count, "sources", error);
@@ -51491,12 +51466,15 @@ SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, co
     result = sbi_change_check_list(change, heirs, weights, count, "heirs", error);
     for (int k = 0; k < count && result == SB_OK; k++)
         if (heirs[k] == node || !sbi_slots_is_used(&change->nodes, heirs[k]))
-            result = sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
+            result =
+                sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
     for (int i = 0; i < change->removed_nodes.count && result == SB_OK; i++)
         for (int k = 0; k < change->removed_nodes.items[i].count && result == SB_OK; k++)
             if (change->entries.items[change->removed_nodes.items[i].first + k].node == node)
-                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "node %d is the heir of node %d, which this "
-                                       "change removes", node, change->removed_nodes.items[i].node);
+                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                       "node %d is the heir of node %d, which this "
+                                       "change removes",
+                                       node, change->removed_nodes.items[i].node);
     if (result == SB_OK)
         result = sbi_change_reserve(change, count, error);
     if (result != SB_OK)
@@ -51962,8 +51940,8 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
         cells += mesh->shares[e] > 0;
         for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
             if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
-                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change", e,
-                                 cell[a]);
+                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change",
+                                 e, cell[a]);
                 if (error)
                     error->node = cell[a];
                 return SB_ERROR_INDEX;
@@ -52374,7 +52352,8 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     if (body->live->follows)
-        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2),
+                                         error); /* it takes half as many again */
     if (result == SB_OK && body->live->follows)
         result = sbi_assembly_reserve_parents(&next->assembly,
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
@@ -52422,8 +52401,8 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
 
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
 {
-    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
-                                       body->dead_load, body->equilibrated, body->external, body->reaction};
+    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity,     body->acceleration, body->target,
+                                       body->dead_load,    body->equilibrated, body->external,     body->reaction};
     memcpy(vectors, list, sizeof list);
 }
 
@@ -52483,7 +52462,8 @@ static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
     return sb_v3(axes & SB_X ? b.x : a.x, axes & SB_Y ? b.y : a.y, axes & SB_Z ? b.z : a.z);
 }
 
-/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
+/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have
+ * some. */
 SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
@@ -52568,7 +52548,8 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 /* ---- momentum ---- */
 
 /* also: another sum that gets the same, or NULL. */
-static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about,
+                              sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
     const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
@@ -52604,8 +52585,8 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
-                          v[cell[a]]);
+        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
+                          about, v[cell[a]]);
 }
 
 static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
@@ -52806,7 +52787,8 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
 {
     return sbi_fail_node(error, SB_ERROR_MESH, node,
-                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too",
+                         node);
 }
 
 /* Every node in use has a cell, but those that had none before. */
@@ -53109,7 +53091,8 @@ static void sbi_live_rest_point(const sb_body *body, const int *nodes, const sb_
     }
 }
 
-/* A row that is a point in a removed tet4 becomes that point of the made cell that has it; 0: it is none, or none has. */
+/* A row that is a point in a removed tet4 becomes that point of the made cell that has it; 0: it is none, or none
+ * has. */
 static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
 {
     const sbi_mesh_change *change = rows->change;
@@ -53294,8 +53277,9 @@ static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, 
     const int *nodes = load->nodes + load->row_start[j];
     int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
     sbi_body_face face;
-    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) ==
-                     SB_OK && !face.inner) {
+    if (!lost &&
+        sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) == SB_OK &&
+        !face.inner) {
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
         done = sbi_live_add_face(rows, &face);
@@ -53511,28 +53495,28 @@ typedef struct sbi_embed_volume {
     sb_allocator allocator;
     const sb_mesh *mesh;
     int width, corners, faces;
-    int is_box;                /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
-    sb_real scale;             /* largest coordinate (m): rounding errors are epsilon times this */
-    sb_boundary boundary;      /* with the nodes of the volume */
+    int is_box;                     /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
+    sb_real scale;                  /* largest coordinate (m): rounding errors are epsilon times this */
+    sb_boundary boundary;           /* with the nodes of the volume */
     sb_index_table neighbours;      /* of elements across their faces */
     sb_index_table face_neighbours; /* of boundary faces across their edges */
-    int *boundary_face;        /* [elements][faces] or -1 */
-    sb_real (*planes)[4][4];   /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
-    sb_real *bulge;            /* [elements] how far the element may lie from its straight one (m) */
-    int leaf_first;            /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
-    int *order;                /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
+    int *boundary_face;             /* [elements][faces] or -1 */
+    sb_real (*planes)[4][4]; /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
+    sb_real *bulge;          /* [elements] how far the element may lie from its straight one (m) */
+    int leaf_first;          /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
+    int *order;              /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
     sbi_embed_box *boxes;
     sbi_embed_face face;
-    sb_real *weights;          /* [boundary faces][face nodes] angle at the node (rad) */
-    sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
+    sb_real *weights; /* [boundary faces][face nodes] angle at the node (rad) */
+    sb_vec3 *normals; /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:
@@ -53642,8 +53626,8 @@ SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *
     for (int k = 0; k < 2; k++) {
         t[k] = sb_v3(0, 0, 0);
         for (int j = 0; j < face->nodes; j++)
-            t[k] = sb_v3_madd(
-                t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
+            t[k] =
+                sb_v3_madd(t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
     }
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
@@ -53779,8 +53763,7 @@ static sb_real sbi_embed_bulge(const sbi_embed_volume *volume, const sb_vec3 *x)
 /* L_a as linear functions of the position, for the straight tet of four corners. */
 static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
 {
-    sb_mat3 inverse =
-        sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+    sb_mat3 inverse = sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
     for (int k = 0; k < 4; k++)
         planes[0][k] = 0;
     for (int a = 1; a < 4; a++) {
@@ -53890,8 +53873,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;
@@ -54067,8 +54050,8 @@ static int sbi_embed_descend(const sbi_embed_model *model, const sb_real h[3], i
  * every release is followed by a descent. */
 static void sbi_embed_minimise(const sbi_embed_model *model, int is_box, sbi_embed_state *state)
 {
-    sb_real h[3], tolerance = 64 * SB_EPSILON * (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) +
-                                                 sb_abs(model->g[2]));
+    sb_real h[3], tolerance = 64 * SB_EPSILON *
+                              (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) + sb_abs(model->g[2]));
     for (int round = 0; round < 24; round++) {
         int released;
         sbi_embed_model_gradient(model, state, is_box, h);
@@ -54476,8 +54459,7 @@ static int sbi_embed_cross_edge(const sbi_embed_volume *volume, int edge, sbi_em
     return 1;
 }
 
-SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot,
-                                        sb_vec3 tangents[2])
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2])
 {
     const int *nodes = sbi_embed_face_row(volume, foot->face);
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3];
@@ -54664,7 +54646,7 @@ enum {
     SBI_EMBED_TASK_NODES = 512,
     SBI_EMBED_TASK_RINGS = 2048,
     SBI_EMBED_TASK_BUILD = 256,
-    SBI_EMBED_RING = 64          /* most triangles around a point whose ring is put in order */
+    SBI_EMBED_RING = 64 /* most triangles around a point whose ring is put in order */
 };
 
 /* gcc would unroll a loop over lanes before it can see vectors in it, and then spill what it unrolled. */
@@ -54706,39 +54688,40 @@ struct sb_embedding {
     sb_embedded_point *points; /* [point_count] */
     int *elements;             /* the mesh's */
     sbi_embed_face face;
-    sb_real scale;             /* largest coordinate of the mesh at creation (m) */
-    sb_vec3 *rest;             /* [point_count] (m) */
-    sb_vec3 *rest_normals;     /* [point_count] def.normals, or NULL */
-    int *order;                /* [point_count] along Morton's curve */
-    unsigned char *inside;     /* [point_count] 1: it was inside at creation */
-    struct sbi_embed_follower *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
+    sb_real scale;         /* largest coordinate of the mesh at creation (m) */
+    sb_vec3 *rest;         /* [point_count] (m) */
+    sb_vec3 *rest_normals; /* [point_count] def.normals, or NULL */
+    int *order;            /* [point_count] along Morton's curve */
+    unsigned char *inside; /* [point_count] 1: it was inside at creation */
+    struct sbi_embed_follower
+        *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
 
     int group_count, task_count, slot_count;
     sbi_embed_group *groups;
-    int *tasks;              /* [task_count + 1] first group of each */
-    int *slot_point;         /* [slot_count]; padding repeats the last point of its group */
-    sb_real *parameters[3];  /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
-    sb_real *offsets[3];     /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
-    sb_real *carried[3];     /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
+    int *tasks;             /* [task_count + 1] first group of each */
+    int *slot_point;        /* [slot_count]; padding repeats the last point of its group */
+    sb_real *parameters[3]; /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];    /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
+    sb_real *carried[3];    /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
 
     /* Node entries: those of the groups, then those of the faces whose normals they need. */
     int group_entries, entry_count, face_count, normal_count, touched_count;
-    int *nodes;              /* [entry_count] */
-    int *normal_of;          /* [entry_count] the smooth normal there, or -1 */
-    sb_real *weights;        /* [face_count][face nodes] */
+    int *nodes;                    /* [entry_count] */
+    int *normal_of;                /* [entry_count] the smooth normal there, or -1 */
+    sb_real *weights;              /* [face_count][face nodes] */
     sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
     sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
     sbi_embed_lists touched;       /* touched node -> entries */
     int *touched_nodes;            /* [touched_count] */
-    sbi_embed_lists rings;   /* point -> its neighbours in order around it; ~index starts a new run */
+    sbi_embed_lists rings;         /* point -> its neighbours in order around it; ~index starts a new run */
 
     /* scratch of updates */
-    sb_vec3 *face_normals;   /* [face_count][face nodes] */
-    sb_vec3 *normals;        /* [normal_count] unit */
-    sb_real *lengths;        /* [normal_count] of the sums that they are the directions of */
-    sb_vec3 *entry_forces;   /* [entry_count] */
-    sb_vec3 *entry_pulls;    /* [group_entries] derivative with respect to the smooth normal */
-    sb_vec3 *normal_pulls;   /* [normal_count] */
+    sb_vec3 *face_normals; /* [face_count][face nodes] */
+    sb_vec3 *normals;      /* [normal_count] unit */
+    sb_real *lengths;      /* [normal_count] of the sums that they are the directions of */
+    sb_vec3 *entry_forces; /* [entry_count] */
+    sb_vec3 *entry_pulls;  /* [group_entries] derivative with respect to the smooth normal */
+    sb_vec3 *normal_pulls; /* [normal_count] */
 };
 
 typedef struct sbi_embed_lanes {
@@ -54771,9 +54754,10 @@ SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
 #endif
     memcpy(bits, x, sizeof bits);
     SBI_EMBED_EACH_LANE(l)
-        bits[l] = magic - (bits[l] >> 1);
+    bits[l] = magic - (bits[l] >> 1);
     memcpy(y, bits, sizeof y);
-    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+    SBI_EMBED_EACH_LANE(l)
+    { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
         sb_real half = (sb_real)0.5 * x[l], z = y[l];
         z = z * ((sb_real)1.5 - half * z * z);
         z = z * ((sb_real)1.5 - half * z * z);
@@ -54787,16 +54771,18 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 {
     sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
     SBI_EMBED_EACH_LANE(l)
-        sx[l] = sy[l] = sz[l] = 0;
+    sx[l] = sy[l] = sz[l] = 0;
     for (int a = 0; a < count; a++) {
         const sb_real *w = weight + a * stride;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sx[l] += w[l] * x[a].x;
             sy[l] += w[l] * x[a].y;
             sz[l] += w[l] * x[a].z;
         }
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         out->x[l] = sx[l];
         out->y[l] = sy[l];
         out->z[l] = sz[l];
@@ -54807,9 +54793,10 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 {
     SBI_EMBED_EACH_LANE(l)
-        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
     sbi_embed_rsqrt(inverse);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] *= inverse[l];
         v->y[l] *= inverse[l];
         v->z[l] *= inverse[l];
@@ -54819,7 +54806,8 @@ SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 /* v += s w */
 SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
 {
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] += s[l] * w->x[l];
         v->y[l] += s[l] * w->y[l];
         v->z[l] += s[l] * w->z[l];
@@ -54867,9 +54855,9 @@ typedef struct sbi_embed_parts {
     const int *order;              /* [count] points along Morton's curve */
     int count, with_normals;
     int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
-    const int *elements;           /* [element_count][width] */
-    const int *outer;              /* [element_count][faces] row of weights of boundary faces, or -1 */
-    const sb_real *weights;        /* angles at their nodes (rad) */
+    const int *elements;                                      /* [element_count][width] */
+    const int *outer;       /* [element_count][faces] row of weights of boundary faces, or -1 */
+    const sb_real *weights; /* angles at their nodes (rad) */
     const sbi_embed_face *face;
     int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
 } sbi_embed_parts;
@@ -54898,11 +54886,12 @@ SBI_API void sbi_embed_make_normals(sbi_embed_frame *frame, const sb_jobs *jobs)
 #if !defined(SB_NO_GEOMETRY)
 /* embed_follow: an embedding that follows a mesh in slots. Internal, floor 2; body_embed.c joins it with a body.
  *
- * It keeps the mesh at rest, the cells around each node and the outer faces, and changes them as the body's mesh changes.
- * Every point keeps its place at rest (sb_embedding.rest), which is its material: the points of changed cells, and those
- * outside that a changed node's face or cell holds, are placed anew from it. Three meshes are searched one after the
- * other, until all have a place: the cells that the change made or reshaped, which take points inside them only; those
- * around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits as before.
+ * It keeps the mesh at rest, the cells around each node and the outer faces, and changes them as the body's mesh
+ * changes. Every point keeps its place at rest (sb_embedding.rest), which is its material: the points of changed cells,
+ * and those outside that a changed node's face or cell holds, are placed anew from it. Three meshes are searched one
+ * after the other, until all have a place: the cells that the change made or reshaped, which take points inside them
+ * only; those around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits
+ * as before.
  *
  * Then the arrays that updates read are made again from the places, in the other one of two blocks of memory, which
  * takes the place of the first when the change has happened. They depend on the places and the mesh alone. */
@@ -54920,8 +54909,8 @@ typedef struct sbi_embed_slots {
 
 /* Whom it follows. */
 typedef struct sbi_embed_owner {
-    void *body; /* NULL: nobody any more */
-    int id;     /* of the listener */
+    void *body;                                                     /* NULL: nobody any more */
+    int id;                                                         /* of the listener */
     sb_result (*refresh)(sb_embedding *embedding, sb_error *error); /* loads the body's mesh */
     void (*leave)(sb_embedding *embedding);
 } sbi_embed_owner;
@@ -54942,15 +54931,16 @@ typedef struct sbi_embed_swap {
 
 typedef struct sbi_embed_follower {
     sbi_embed_owner owner;
-    int stale;           /* 1: the mesh is another, and the points have no places in it for want of memory */
+    int stale; /* 1: the mesh is another, and the points have no places in it for want of memory */
     int width, faces, face_nodes, face_corners, local[6][SB_MAX_FACE_NODES];
 
     int node_end, cell_end, node_room, cell_room;
-    sb_vec3 *nodes;      /* [node_room] */
-    int *cells;          /* [cell_room][width]; the first is -1 in a free slot */
-    int *first, *next;   /* [node_room], [cell_room][width]: lists of a node's corners, cell * width + local node; -1 ends */
-    int *outer;          /* [cell_room][faces] row of weights of outer faces, or -1 */
-    sb_real *weights;    /* [row_room][face_nodes] */
+    sb_vec3 *nodes; /* [node_room] */
+    int *cells;     /* [cell_room][width]; the first is -1 in a free slot */
+    int *first,
+        *next;  /* [node_room], [cell_room][width]: lists of a node's corners, cell * width + local node; -1 ends */
+    int *outer; /* [cell_room][faces] row of weights of outer faces, or -1 */
+    sb_real *weights; /* [row_room][face_nodes] */
     int *free_rows, free_count, row_fresh, row_room;
 
     unsigned char *node_marks, *cell_marks; /* zeros between calls */
@@ -54959,21 +54949,21 @@ typedef struct sbi_embed_follower {
     int *part_nodes, part_node_count;       /* [node_room] */
     int *number;                            /* [node_room] of a node in the mesh that is searched */
 
-    sbi_embed_place *places;                /* [point_count] */
+    sbi_embed_place *places; /* [point_count] */
     sbi_embed_swap *swaps;
     int swap_count, swap_room;
 
     sbi_embed_pool arrays[2], scratch;
-    int current;                            /* the block of arrays that is read */
-    sb_embedding made;                      /* arrays in the other one */
+    int current;       /* the block of arrays that is read */
+    sb_embedding made; /* arrays in the other one */
 
-    const sb_mesh_change *change;           /* between reserve and what ends it */
-    sb_vec3 *old_nodes;                     /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change; /* between reserve and what ends it */
+    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
-/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an owner,
- * whose mesh this is, it is stale. */
+/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an
+ * owner, whose mesh this is, it is stale. */
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);
 /* Prepares a change of the mesh. On failure nothing has changed; after success one of the next two ends it. */
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);
@@ -55002,8 +54992,8 @@ SB_INLINE int sbi_embed_is_stale(sb_embedding *e)
 SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows);
 /* Takes a whole mesh over; there is room for its slots. 0: no memory, and it has none then. */
 SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh);
-/* Makes f->change, or takes it back; there is room. changed_nodes lists the nodes of its cells afterwards, and marks are
- * set: nodes of cells that change, and these cells. */
+/* Makes f->change, or takes it back; there is room. changed_nodes lists the nodes of its cells afterwards, and marks
+ * are set: nodes of cells that change, and these cells. */
 SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back);
 SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f);
 
@@ -55196,7 +55186,8 @@ static int sbi_embed_next_group(const sbi_embed_filling *build, int i, sbi_embed
 {
     const sbi_embed_place *first = &build->parts->places[build->sorted[i]];
     int end = i + 1;
-    while (end < build->parts->count && end - i < SBI_EMBED_GROUP && build->parts->places[build->sorted[end]].hold == first->hold &&
+    while (end < build->parts->count && end - i < SBI_EMBED_GROUP &&
+           build->parts->places[build->sorted[end]].hold == first->hold &&
            build->parts->places[build->sorted[end]].cell == first->cell)
         end++;
     group->hold = first->hold;
@@ -55484,10 +55475,7 @@ static int sbi_embed_live_grow(const sb_embedding *e, void **array, size_t used,
 }
 
 /* Half as much again, so that a mesh that grows does not ask each time. */
-static int sbi_embed_live_roomy(int needed)
-{
-    return needed > INT_MAX / 2 ? needed : needed + needed / 2;
-}
+static int sbi_embed_live_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
 
 static int sbi_embed_live_node_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
 {
@@ -55750,7 +55738,8 @@ SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *f
 
 /* ==== src/softbody/geometry/embed_follow.c ==== */
 #if !defined(SB_NO_GEOMETRY)
-/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of updates. */
+/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of
+ * updates. */
 
 
 /* ---- memory ---- */
@@ -55999,7 +55988,8 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
         for (int again = f->part_count > 0; again;) {
             sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
             int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
-            result = sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
+            result =
+                sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
             again = result == SB_ERROR_MEMORY && !whole && sbi_embed_pool_grow(e, &f->scratch);
         }
         sbi_embed_clear_part(f);
@@ -56291,28 +56281,29 @@ static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const x
     sb_real bary[4][SBI_EMBED_LANES];
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), curved = nodes > corners;
     SBI_EMBED_EACH_LANE(l)
-        bary[0][l] = 1;
+    bary[0][l] = 1;
     for (int a = 1; a < corners; a++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             bary[a][l] = xi[a - 1][l];
             bary[0][l] -= xi[a - 1][l];
         }
     for (int a = 0; a < corners; a++)
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
+    lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
     for (int a = corners; a < nodes; a++) {
         const sb_real *p = bary[edges[a - corners][0]], *q = bary[edges[a - corners][1]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = 4 * p[l] * q[l];
+        lanes->shape[a][l] = 4 * p[l] * q[l];
     }
     for (int a = 0; slopes && a < nodes; a++) {
         int p = a < corners ? a : edges[a - corners][0], q = a < corners ? a : edges[a - corners][1];
         for (int k = 0; k < 3; k++) {
             sb_real dp = (sb_real)((p == k + 1) - (p == 0)), dq = (sb_real)((q == k + 1) - (q == 0));
             SBI_EMBED_EACH_LANE(l)
-                lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
-                                        : curved     ? (4 * bary[a][l] - 1) * dp
-                                                     : dp;
+            lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
+                                    : curved     ? (4 * bary[a][l] - 1) * dp
+                                                 : dp;
         }
     }
 }
@@ -56325,7 +56316,8 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     const sb_real half = (sb_real)0.5;
     sb_real side[3][2][SBI_EMBED_LANES];
     for (int k = 0; k < 3; k++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sb_real x = k < dimension ? xi[k][l] : -(sb_real)1;
             side[k][0][l] = half - half * x;
             side[k][1][l] = half + half * x;
@@ -56333,10 +56325,11 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     for (int a = 0; a < (1 << dimension); a++) {
         const sb_real *x = side[0][corner[a][0]], *y = side[1][corner[a][1]], *z = side[2][corner[a][2]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = x[l] * y[l] * z[l];
+        lanes->shape[a][l] = x[l] * y[l] * z[l];
         if (!slopes)
             continue;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             lanes->slope[a][0][l] = (corner[a][0] ? half : -half) * y[l] * z[l];
             lanes->slope[a][1][l] = (corner[a][1] ? half : -half) * x[l] * z[l];
             lanes->slope[a][2][l] = dimension == 3 ? (corner[a][2] ? half : -half) * x[l] * y[l] : (sb_real)0;
@@ -56356,7 +56349,8 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
         sbi_embed_box_lanes(sb_element_dimension(type), xi, slopes, lanes);
         return;
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real at[3], shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
         at[0] = xi[0][l], at[1] = xi[1][l], at[2] = xi[2][l];
         sb_element_shape(type, at, shape, slopes ? slope : NULL);
@@ -56395,7 +56389,7 @@ SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold,
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
             SBI_EMBED_EACH_LANE(l)
-                lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+    lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
 SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
@@ -56414,7 +56408,8 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec3 g[3], sbi_embed_vec3 *out)
 {
     sb_real unused[SBI_EMBED_LANES];
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
             sum = sb_v3_madd(sum, e->carried[k][slot + l],
@@ -56440,7 +56435,8 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
         sb_real scale[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &g[k]);
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->normal, &turn);
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             scale[l] = distance[l] * inverse[l];
             along[l] = -(turn.x[l] * g[2].x[l] + turn.y[l] * g[2].y[l] + turn.z[l] * g[2].z[l]);
         }
@@ -56458,7 +56454,8 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
         sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
@@ -56498,7 +56495,7 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
         else
             sbi_embed_slots_volume(e, &cell, &lanes, slot, &at, wanted);
         SBI_EMBED_EACH_LANE(l) /* padding writes its point again */
-            frame->points[point[l]] = sbi_embed_lane(&at, l);
+        frame->points[point[l]] = sbi_embed_lane(&at, l);
         for (int l = 0; normals && l < SBI_EMBED_LANES; l++)
             normals[point[l]] = sbi_embed_lane(&normal, l);
     }
@@ -56573,8 +56570,7 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
                                      sb_vec3 *normals, const sb_jobs *jobs)
 {
     sbi_embed_frame frame;
-    if (!embedding || !node_positions || !points ||
-        (normals && !embedding->rest_normals && !embedding->rings.starts))
+    if (!embedding || !node_positions || !points || (normals && !embedding->rest_normals && !embedding->rings.starts))
         return SB_ERROR_ARGUMENT;
     if (sbi_embed_is_stale(embedding))
         return SB_ERROR_MEMORY;
@@ -56621,9 +56617,10 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
     SBI_EMBED_EACH_LANE(l)
-        along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
+    along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
     sbi_embed_madd(&pull, along, &n);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real scale = distance[l] * inverse[l];
         pull.x[l] *= scale;
         pull.y[l] *= scale;
@@ -56655,7 +56652,8 @@ static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *c
 {
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 on[2];
         sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
@@ -56688,9 +56686,9 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
         SBI_EMBED_EACH_LANE(l)
-            sbi_embed_set_lane(&force, l, slot + l < group->first + group->count
-                                              ? frame->forces[e->slot_point[slot + l]]
-                                              : sb_v3(0, 0, 0));
+        sbi_embed_set_lane(&force, l,
+                           slot + l < group->first + group->count ? frame->forces[e->slot_point[slot + l]]
+                                                                  : sb_v3(0, 0, 0));
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
         sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
         if (is_offset)
@@ -57156,8 +57154,8 @@ static void sbi_embed_fill_row(const sb_embedding *e, const sb_embedded_point *p
     sb_element_shape(e->type, point->xi, shape, slope);
     for (int a = 0; a < width; a++) {
         nodes[a] = e->elements[(size_t)point->element * (size_t)width + (size_t)a];
-        weights[a] = shape[a] + slope[a][0] * point->step[0] + slope[a][1] * point->step[1] +
-                     slope[a][2] * point->step[2];
+        weights[a] =
+            shape[a] + slope[a][0] * point->step[0] + slope[a][1] * point->step[1] + slope[a][2] * point->step[2];
     }
 }
 
@@ -57170,7 +57168,8 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
     if (!embedding || !rows)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the embedding or rows is NULL");
     if (embedding->follower && embedding->follower->stale)
-        return sbi_fail(error, SB_ERROR_STATE, "the embedding has yet to follow a state that was loaded: update it first");
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the embedding has yet to follow a state that was loaded: update it first");
     width = sb_element_node_count(embedding->type);
     count = embedding->report.point_count;
     if (count > INT_MAX / width)
@@ -57590,14 +57589,14 @@ typedef struct sbi_tie_face {
     sb_element_type type;
     int count;
     int nodes[SB_MAX_FACE_NODES];
-    sb_vec3 centre;       /* mean of the nodes (m) */
-    sb_real radius;       /* largest distance of a node from it (m) */
+    sb_vec3 centre; /* mean of the nodes (m) */
+    sb_real radius; /* largest distance of a node from it (m) */
 } sbi_tie_face;
 
 /* Where a slave node meets the faces. */
 typedef struct sbi_tie_point {
-    int face;             /* -1: none yet */
-    sb_real distance;     /* m */
+    int face;         /* -1: none yet */
+    sb_real distance; /* m */
     sb_real xi[3];
 } sbi_tie_point;
 
@@ -57741,16 +57740,16 @@ static sb_real sbi_tie_project(const sb_body *b, const sbi_tie_face *face, sb_ve
 
 typedef struct sbi_tie {
     sb_body *body;
-    sbi_tie_face *faces;     /* [face_count] */
+    sbi_tie_face *faces; /* [face_count] */
     int face_count;
     const int *slaves;
     int slave_count;
     sb_real max_distance;
     int options;
-    unsigned char *marks;    /* [node_count] 1: on a face, 2: a slave */
+    unsigned char *marks; /* [node_count] 1: on a face, 2: a slave */
     sb_constraint_term *terms;
-    int *term_counts;        /* [3 slave_count] */
-    sb_real *values;         /* [3 slave_count] */
+    int *term_counts; /* [3 slave_count] */
+    sb_real *values;  /* [3 slave_count] */
     size_t term_count;
     sb_tie_report report;
 } sbi_tie;
@@ -57907,8 +57906,8 @@ static void sbi_tie_layout(sbi_tie *tie, sbi_arena *arena)
     size_t slaves = (size_t)tie->slave_count, faces = (size_t)tie->face_count;
     tie->faces = (sbi_tie_face *)sbi_arena_take(arena, faces, sizeof(sbi_tie_face));
     tie->marks = (unsigned char *)sbi_arena_take(arena, (size_t)tie->body->domain.node_count, 1);
-    tie->terms = (sb_constraint_term *)sbi_arena_take(arena, slaves,
-                                                      3 * (1 + SB_MAX_FACE_NODES) * sizeof(sb_constraint_term));
+    tie->terms =
+        (sb_constraint_term *)sbi_arena_take(arena, slaves, 3 * (1 + SB_MAX_FACE_NODES) * sizeof(sb_constraint_term));
     tie->term_counts = (int *)sbi_arena_take(arena, slaves, 3 * sizeof(int));
     tie->values = (sb_real *)sbi_arena_take(arena, slaves, 3 * sizeof(sb_real));
 }
@@ -57926,9 +57925,9 @@ static sb_result sbi_tie_run(sbi_tie *tie, const int *faces, int corners, sb_err
     return result;
 }
 
-SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
-                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
-                                   sb_tie_report *report, sb_error *error)
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners, const int *slave_nodes,
+                                   int slave_count, sb_real max_distance, int options, sb_tie_report *report,
+                                   sb_error *error)
 {
     sbi_tie tie;
     sbi_arena arena = {NULL, 0, 0};
@@ -58024,8 +58023,8 @@ SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt)
     sbi_elimination *e = body->elimination;
     const sbi_equations *q = &e->equations;
     for (int c = 0; c < q->count; c++) {
-        sb_real before = sbi_elimination_get(body->velocity, q->dof[q->start[c]]) -
-                         sbi_constraint_follow_rate(q, c, body->velocity);
+        sb_real before =
+            sbi_elimination_get(body->velocity, q->dof[q->start[c]]) - sbi_constraint_follow_rate(q, c, body->velocity);
         e->gap[c] = (e->start_gap[c] / dt - before) / dt;
     }
 }
@@ -58036,8 +58035,7 @@ SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real shar
     const sbi_equations *q = &e->equations;
     for (int k = 0; k < q->count; k++) {
         int c = e->order[k];
-        *sbi_elimination_at(v, q->dof[q->start[c]]) =
-            sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
+        *sbi_elimination_at(v, q->dof[q->start[c]]) = sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
     }
 }
 
@@ -58056,7 +58054,7 @@ SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance)
 
 /* One entry of T in the row of a slave axis. */
 typedef struct sbi_constraint_entry {
-    int dof;          /* of the master */
+    int dof; /* of the master */
     sb_real weight;
     int is_free;
 } sbi_constraint_entry;
@@ -58155,8 +58153,8 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
         for (int axis = 0; axis < 3; axis++) {
             sbi_constraint_entry entry;
             double weights = 0, mean = 0, square = 0;
-            for (int k = 0; body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry);
-                 k++) {
+            for (int k = 0;
+                 body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry); k++) {
                 double rate = (double)sbi_elimination_get(v, entry.dof);
                 if (!entry.is_free)
                     continue;
@@ -58220,9 +58218,9 @@ enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain p
 
 /* How a call goes about its way. */
 typedef struct sbi_explicit_plan {
-    sb_real margin;           /* substeps are at most this share of the stable step */
-    int interval;             /* substeps between looks, each of which costs as much as some ten forces */
-    double factor;            /* energy over that of the ledger that is taken for granted */
+    sb_real margin; /* substeps are at most this share of the stable step */
+    int interval;   /* substeps between looks, each of which costs as much as some ten forces */
+    double factor;  /* energy over that of the ledger that is taken for granted */
 } sbi_explicit_plan;
 
 static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
@@ -58232,19 +58230,16 @@ typedef struct sbi_explicit {
     sb_body *body;
     sb_step_info *info;
     const sbi_explicit_plan *plan;
-    int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
-    double start_energy;      /* then (J) */
-    double springs;           /* energy of springs and mappings at the present shape (J) */
-    sb_real dt, h;            /* the call's time and the last substep (s) */
+    int last_resort;     /* 1: the energy at the start of the call counts, whatever the ledger says */
+    double start_energy; /* then (J) */
+    double springs;      /* energy of springs and mappings at the present shape (J) */
+    sb_real dt, h;       /* the call's time and the last substep (s) */
 } sbi_explicit;
 
 static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 
 /* Energy that rounding may pretend (J). */
-static double sbi_explicit_noise(const sb_body *b)
-{
-    return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit;
-}
+static double sbi_explicit_noise(const sb_body *b) { return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit; }
 
 /* ---- the stable step ---- */
 
@@ -58517,8 +58512,8 @@ static void sbi_explicit_begin(sb_body *b, sb_real dt)
         sbi_explicit_constrained(b, b->velocity, 0);
     }
     for (int i = 0; i < b->domain.node_count; i++)
-        b->velocity[i] = sbi_body_pick_axes(
-            b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
+        b->velocity[i] =
+            sbi_body_pick_axes(b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
     if (b->elimination)
         sbi_constraint_follow(b, b->velocity, 1 / dt);
     jump = sbi_explicit_kinetic(b) - before;
@@ -58764,9 +58759,9 @@ SBI_API int sbi_step_allows_inversion(const sb_body *body);
 SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);
 /* The system is made, but for its preconditioner: guests begin. */
 SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
-/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the next
- * system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale where they
- * lie in several. Only when guests have begun, as the next two. */
+/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the
+ * next system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale
+ * where they lie in several. Only when guests have begun, as the next two. */
 SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
 /* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
 SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
@@ -58787,7 +58782,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* Solves it for the body's increment, with guests. */
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests' forces. */
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
+ * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
 
 /* ---- step_search.c ---- */
@@ -58826,8 +58822,8 @@ SBI_API sb_result sbi_step_report(sb_step_info *info, sb_result result);
 #endif /* SB_STEP_PRIVATE_H */
 
 /* ==== src/softbody/body/step_guest.c ==== */
-/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
- * are kept by conjugate gradients, from which a step of several solves counts on. */
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their
+ * places are kept by conjugate gradients, from which a step of several solves counts on. */
 #include <math.h>
 #include <string.h>
 
@@ -58844,8 +58840,8 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
-                                     node);
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
+                                     g, node);
         }
     return SB_OK;
 }
@@ -59244,7 +59240,8 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
+ * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -59314,8 +59311,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     return SB_OK;
 }
 
-/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
- * `rounding` (N). */
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
+ * than `rounding` (N). */
 static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
 {
     const sb_body *b = step->body;
@@ -59361,7 +59358,8 @@ SBI_API int sbi_step_allows_inversion(const sb_body *b)
 }
 
 /* ==== src/softbody/body/step_system.c ==== */
-/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution, reactions. */
+/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution,
+ * reactions. */
 #include <string.h>
 
 
@@ -59575,9 +59573,9 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
 /* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
  * loads. Pressures may have no potential; the work they do along the line serves in its place. */
 typedef struct sbi_step_line {
-    sb_real slope;      /* r . du, what Armijo asks a share of */
+    sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
-    sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
+    sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -59708,9 +59706,9 @@ static sb_result sbi_step_search(sbi_step *step)
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) +
-                                   t * line.load_size) +
-                4 * SB_EPSILON * b->assembly.energy_unit;
+        noise =
+            32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
+            4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
             sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;
@@ -59771,8 +59769,8 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
-/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
- * the acceleration ca d: as good as their forces and masses at the start. */
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands
+ * for the acceleration ca d: as good as their forces and masses at the start. */
 static sb_result sbi_step_solve_acceleration(sbi_step *start)
 {
     const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
@@ -59820,8 +59818,8 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     if (b->elimination)
         return sbi_step_lumped_acceleration(step);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
-        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
-                                                sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
+        b->acceleration[i] =
+            sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
     return SB_OK;
 }
 
@@ -59915,9 +59913,8 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
     sb_body *b = step->body;
     memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
     for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] =
-            sbi_body_pick_axes(b->fixed[i], b->target[i],
-                               sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
+        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], b->target[i],
+                                                sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;
@@ -59935,8 +59932,7 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
             a = sbi_step_extrapolate(b->acceleration[i], a, step->inertia_level);
         }
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
-            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
-                                 i);
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
         b->velocity[i] = v;
         b->acceleration[i] = a;
     }
@@ -59951,8 +59947,8 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
 }
 
 /* ==== src/softbody/body/step.c ==== */
-/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See step_residual.c
- * for what is solved. */
+/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See
+ * step_residual.c for what is solved. */
 
 #include <string.h>
 
@@ -60018,8 +60014,8 @@ SBI_API sb_result sbi_step_solve(sbi_step *step)
     return sbi_step_project(step, result);
 }
 
-/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried at
- * once (the next step finds its forces done): the body must stay steppable. */
+/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried
+ * at once (the next step finds its forces done): the body must stay steppable. */
 static sb_result sbi_step_end_linearised(sbi_step *step)
 {
     sb_body *b = step->body;
@@ -60449,7 +60445,7 @@ static void sbi_static_commit(sbi_step *step)
     } else if (b->force_current)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
-                                           sb_v3_sub(b->internal[i], b->external[i]), zero);
+                                                sb_v3_sub(b->internal[i], b->external[i]), zero);
     b->acceleration_known = 0;
 }
 
@@ -60545,8 +60541,8 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
     made.allocator = *allocator;
     made.element_count = 0;
     made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
-    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count,
-                                     (size_t)body->domain.nodes_per_cell * sizeof(int));
+    made.elements =
+        (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, (size_t)body->domain.nodes_per_cell * sizeof(int));
     if (!made.nodes || !made.elements) {
         sb_mesh_free(&made);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
@@ -60652,8 +60648,8 @@ static sb_result sbi_body_current_force(sb_body *b, sb_error *error)
                             "element %d is inside out, which its material does not allow", bad);
 }
 
-/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape before,
- * the preconditioner's memory is told. */
+/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape
+ * before, the preconditioner's memory is told. */
 SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
 {
     sbi_precond_memory memory = sbi_precond_get_memory(body->precond);
@@ -60787,9 +60783,9 @@ SBI_API void sbi_relax_end(sbi_step *step, sbi_potential *potential, const sb_ve
 
 #define SBI_MODES_COOKIE 0x3d0deu
 enum {
-    SBI_MODES_GUARD = 4,   /* Ritz vectors beyond the wanted ones that are improved along with them */
-    SBI_MODES_BLOCK = 12,  /* most vectors by which the space grows at a time */
-    SBI_MODES_PROBES = 4   /* random vectors of the last look */
+    SBI_MODES_GUARD = 4,  /* Ritz vectors beyond the wanted ones that are improved along with them */
+    SBI_MODES_BLOCK = 12, /* most vectors by which the space grows at a time */
+    SBI_MODES_PROBES = 4  /* random vectors of the last look */
 };
 
 typedef struct sbi_modes {
@@ -60798,24 +60794,24 @@ typedef struct sbi_modes {
     sb_modes_info *info;
     sb_error *error;
     sb_preconditioner *precond;
-    sb_matrix *matrix;        /* A: the body's matrix, or the one its elimination condenses */
+    sb_matrix *matrix; /* A: the body's matrix, or the one its elimination condenses */
     int nodes, count;
-    int freedom;              /* degrees of freedom */
-    int capacity, size;       /* of the basis */
-    int block;                /* residuals per round */
-    double shift;             /* 1/s^2 */
-    double rounding;          /* of a residual (1/s^2) */
+    int freedom;        /* degrees of freedom */
+    int capacity, size; /* of the basis */
+    int block;          /* residuals per round */
+    double shift;       /* 1/s^2 */
+    double rounding;    /* of a residual (1/s^2) */
     uint64_t random;
-    sb_real *mass;            /* [block_count] (kg) of the full matrix */
-    sb_vec3 *weight;          /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
-    sb_vec3 *spread;          /* [nodes] a vector with its slaves */
-    sb_vec3 *basis;           /* [capacity][nodes] */
-    sb_vec3 *fresh;           /* [block][nodes] directions to grow by */
-    sb_vec3 *x, *ax, *mx;     /* [nodes] */
-    double *projected;        /* [capacity][capacity] H */
-    double *vectors;          /* [capacity][capacity] row i: eigenvector i of H */
-    double *values;           /* [capacity] ascending */
-    double *scratch;          /* [3 capacity] */
+    sb_real *mass;        /* [block_count] (kg) of the full matrix */
+    sb_vec3 *weight;      /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
+    sb_vec3 *spread;      /* [nodes] a vector with its slaves */
+    sb_vec3 *basis;       /* [capacity][nodes] */
+    sb_vec3 *fresh;       /* [block][nodes] directions to grow by */
+    sb_vec3 *x, *ax, *mx; /* [nodes] */
+    double *projected;    /* [capacity][capacity] H */
+    double *vectors;      /* [capacity][capacity] row i: eigenvector i of H */
+    double *values;       /* [capacity] ascending */
+    double *scratch;      /* [3 capacity] */
     void *memory;
 } sbi_modes;
 
@@ -61223,8 +61219,8 @@ static sb_result sbi_modes_iterate(sbi_modes *m)
         int missing, grown, keep;
         sb_result result = sbi_modes_project(m);
         if (result == SB_OK && m->size < m->count)
-            result = sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d does not show in %d vectors", m->size + 1,
-                              m->size);
+            result =
+                sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d does not show in %d vectors", m->size + 1, m->size);
         if (result == SB_OK)
             result = sbi_modes_improve(m, &missing, &grown);
         if (result != SB_OK)
@@ -61381,7 +61377,8 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     if (result != SB_OK)
         return result;
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1, matrix);
+        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1,
+                              matrix);
     sbi_body_mass_blocks(b, m->options->mass, m->mass);
     sbi_modes_weigh(m);
     if (b->elimination)
@@ -61486,8 +61483,8 @@ SB_API sb_result sb_body_modes(sb_body *body, int count, const sb_modes_options 
 }
 
 /* ==== src/softbody/body/state_part.c ==== */
-/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
- * bytes. */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8)
+ * and bytes. */
 
 #include <string.h>
 
@@ -61544,7 +61541,8 @@ static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *nam
 {
     const sbi_state_parts *parts = body->parts;
     int at = parts ? sbi_state_parts_place(parts, name) : 0;
-    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at
+                                                                                                 : NULL;
 }
 
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
@@ -61655,15 +61653,16 @@ static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body,
         return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
                         view->name);
     if (order > 0)
-        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                        part->name);
     if (view->version != part->version)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
                         view->version, part->version);
     return part->check(part->user, body, view->bytes, view->size, error);
 }
 
-SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
-                                        sb_error *error)
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes,
+                                        size_t size, sb_error *error)
 {
     int count = owner->parts ? owner->parts->count : 0, i = 0;
     size_t at = 0;
@@ -61730,8 +61729,8 @@ static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name
     sbi_body_tell_command(body, &command);
 }
 
-SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
-                                size_t real_count)
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count,
+                                const sb_real *reals, size_t real_count)
 {
     sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
 }
@@ -61755,9 +61754,10 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
     memcpy(name, bytes, sizeof bytes);
     part = sbi_state_parts_find(body, name);
     if (!part || !part->replay)
-        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
-                        name);
-    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the recording holds commands of a part '%.8s' that the body does not have", name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count,
+                        error);
 }
 
 /* ==== src/softbody/body/state.c ==== */
@@ -61845,18 +61845,18 @@ typedef struct sbi_state_walk {
     int overflow;            /* MEASURE: used does not fit size_t */
     int plain;               /* 1: for this body alone: what it is made of and what others keep are left out */
     uint64_t hash;
-    sb_result result;        /* the first failure; what comes after it is 0 */
+    sb_result result; /* the first failure; what comes after it is 0 */
     sb_error *error;
-    int differs;             /* 1: what was passed is not what the body has */
-    int store;               /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+    int differs; /* 1: what was passed is not what the body has */
+    int store;   /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
 
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
-    const unsigned char *others; /* the parts that others keep */
-    int terms;               /* most Prony terms of a material; of the body in passes over one */
-    int has_fibres;          /* 1: some material has */
-    const unsigned char *fixed; /* [node_count] */
+    const unsigned char *others;       /* the parts that others keep */
+    int terms;                         /* most Prony terms of a material; of the body in passes over one */
+    int has_fibres;                    /* 1: some material has */
+    const unsigned char *fixed;        /* [node_count] */
 
     /* what RESERVE makes and READ puts in place */
     sbi_body_pattern pattern;
@@ -61904,8 +61904,8 @@ static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, con
     if (!sbi_state_is_image(walk))
         return value;
     if (walk->result == SB_OK && (got < low || got > high))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d", name,
-                                        got, low, high));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d",
+                                        name, got, low, high));
     return walk->result == SB_OK ? got : low;
 }
 
@@ -62085,7 +62085,8 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
     }
     if (body->own_points) { /* nothing else tells them from the elements' */
-        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell,
+               n = (size_t)domain->nodes_per_cell;
         hash = sbi_state_reals_hash(hash, domain->weights, points);
         hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
         hash = sbi_state_reals_hash(hash, domain->cell_mass,
@@ -62117,8 +62118,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
 {
     sb_body_def def = sb_default_body_def();
-    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE,
-                                                  "integrator");
+    def.integrator =
+        (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE, "integrator");
     def.gravity = sbi_state_vector(walk, body->gravity);
     def.damping_mass = sbi_state_real(walk, body->damping_mass);
     def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
@@ -62193,13 +62194,14 @@ static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
 {
     int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
     if (sbi_state_checks(walk) && walk->has_fibres && !given)
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL, "a saved material has fibres, but no directions "
-                                                                        "were saved"));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL,
+                                        "a saved material has fibres, but no directions "
+                                        "were saved"));
     if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
         walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
         if (!walk->fibres)
-            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements",
-                                            count));
+            sbi_state_refuse(walk,
+                             sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count));
     }
     if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
         sbi_free(&body->allocator, body->fibres);
@@ -62338,7 +62340,7 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
 /* What passing the rows of a load found out. */
 typedef struct sbi_state_rows {
     size_t entries, pairs;
-    int same;                /* 1: rows, nodes and kind are those of the body's load */
+    int same; /* 1: rows, nodes and kind are those of the body's load */
 } sbi_state_rows;
 
 /* Whether a saved row of a pressure is a face of the surface; nodes in the order in which the body would have it. */
@@ -62363,8 +62365,10 @@ static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, si
             int i = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)a, 4));
             int j = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)b, 4));
             if (sb_matrix_find(matrix, i, j) < 0)
-                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i, "a saved row couples the nodes %d "
-                                                     "and %d, which the saved matrix does not", i, j));
+                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
+                                                     "a saved row couples the nodes %d "
+                                                     "and %d, which the saved matrix does not",
+                                                     i, j));
         }
 }
 
@@ -62400,8 +62404,8 @@ static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *lo
         load->face_types[j] = (sb_element_type)type;
     at = walk->used;
     for (int k = 0; k < size && walk->result == SB_OK; k++) {
-        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0,
-                                     body->domain.node_count - 1, "node of a load");
+        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0, body->domain.node_count - 1,
+                                     "node of a load");
         if (pressure && k < SB_MAX_FACE_NODES)
             corner[k] = node;
     }
@@ -62444,8 +62448,8 @@ static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *w
         rows.same = rows.same && sbi_state_same_row(walk, like, j, size, at);
         rows.entries += (size_t)size; /* each took bytes of the image, so this cannot overflow */
         if (!sbi_size_add(&rows.pairs, (size_t)size, (size_t)size))
-            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long",
-                                            load->id));
+            sbi_state_refuse(
+                walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long", load->id));
         if (walk->store)
             load->row_start[j + 1] = (int)rows.entries;
     }
@@ -62457,7 +62461,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
 {
     int last = body->last_load_id;
     load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
-    load->id = sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
+    load->id =
+        sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
     load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
     load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
     load->pressure = sbi_state_real(walk, load->pressure);
@@ -62467,8 +62472,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
     for (int k = 0; k < 6; k++)
         load->net[k] = sbi_state_double(walk, load->net[k]);
     if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite",
-                                        load->id));
+        sbi_state_refuse(
+            walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite", load->id));
 }
 
 /* Room for what these rows tie. */
@@ -62495,8 +62500,8 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
-                                             walk->error));
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries,
+                                             rows.pairs, load, walk->error));
     if (walk->result != SB_OK)
         return;
     walk->load_count++;
@@ -62591,9 +62596,9 @@ static void sbi_state_check_equation(sbi_state_walk *walk, int id, int slave, sb
                                              "the saved constraint %d has value %g and coefficient %g", id,
                                              (double)value, (double)first));
     else if (walk->fixed[slave / 3] >> slave % 3 & 1)
-        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
-                                             "the slave of the saved constraint %d, node %d, is supported", id,
-                                             slave / 3));
+        sbi_state_refuse(walk,
+                         sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
+                                       "the slave of the saved constraint %d, node %d, is supported", id, slave / 3));
 }
 
 /* Equation c: from q in passes over a body; into it when storing; otherwise compared with it where there is one.
@@ -62617,9 +62622,9 @@ static int sbi_state_equation(const sb_body *body, sbi_state_walk *walk, sbi_equ
         if (k == 0 && sbi_state_checks(walk))
             sbi_state_check_equation(walk, id, dof, first, value);
         if (sbi_state_checks(walk) && !sb_is_finite(coefficient / first))
-            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
-                                                 "the saved constraint %d has coefficient %g", id,
-                                                 (double)coefficient));
+            sbi_state_refuse(walk,
+                             sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
+                                           "the saved constraint %d has coefficient %g", id, (double)coefficient));
     }
     if (walk->store)
         q->start[c + 1] = (int)from + count;
@@ -62828,8 +62833,8 @@ static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
     guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
     guard.energy = sbi_state_double(walk, body->guard.energy);
     if (sbi_state_checks(walk) && (!(guard.stable_step >= 0) || !sb_is_finite(guard.stable_step)))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s",
-                                        (double)guard.stable_step));
+        sbi_state_refuse(
+            walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s", (double)guard.stable_step));
     if (walk->pass == SBI_STATE_READ)
         body->guard = guard;
 }
@@ -62844,8 +62849,10 @@ static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond
     memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
     memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
     if (sbi_state_checks(walk) && !sbi_precond_is_memory(memory))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
-                                                                      "is out of range", memory.shift, memory.wait));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT,
+                                        "the saved preconditioner's shift %g or wait %d "
+                                        "is out of range",
+                                        memory.shift, memory.wait));
     if (walk->pass == SBI_STATE_READ)
         sbi_precond_set_memory(precond, memory);
 }
@@ -62915,7 +62922,8 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
         sbi_state_put_real(walk, mesh->shares + e);
         sbi_state_put_int(walk, mesh->material + e, 0, materials - 1, "region of a cell");
         for (int a = 0; a < n && walk->result == SB_OK; a++)
-            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1, "node of a cell");
+            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1,
+                              "node of a cell");
     }
 }
 
@@ -62966,7 +62974,8 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
 }
 
 /* Reads the mesh of an image. */
-static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh, sb_error *error)
+static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh,
+                                     sb_error *error)
 {
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
@@ -62983,8 +62992,9 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         return walk.result;
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
              (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n);
-    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count || cells.fresh > cells.end + cells.count ||
-        nodes.count > nodes.fresh || cells.count > cells.fresh || nodes.end > nodes.fresh || cells.end > cells.fresh)
+    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
+        cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
+        nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
     result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
     if (result != SB_OK)
@@ -63026,10 +63036,20 @@ typedef struct sbi_state_own {
 
 static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
-    {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
-    {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
-    {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
-    {14, sbi_state_guard},    {8, sbi_state_precond},
+    {1, sbi_state_make},
+    {2, sbi_state_settings},
+    {3, sbi_state_materials},
+    {9, sbi_state_fibres},
+    {10, sbi_state_extra},
+    {4, sbi_state_supports},
+    {5, sbi_state_loads},
+    {11, sbi_state_follow},
+    {12, sbi_state_constraints},
+    {6, sbi_state_rotations},
+    {13, sbi_state_prony},
+    {7, sbi_state_motion},
+    {14, sbi_state_guard},
+    {8, sbi_state_precond},
 };
 enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
@@ -63154,8 +63174,8 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     sbi_body_tell_command(body, &command);
 }
 
-/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
- * place it will take; they are ready to load then. */
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one
+ * whose place it will take; they are ready to load then. */
 static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
     int joined = 0;
@@ -63219,9 +63239,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.size = size - SBI_IMAGE_TAIL;
     is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
     if (is_live != (body->live != NULL))
-        return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
-                                                       : "the state is of a body whose mesh does not change: def.slack "
-                                                         "is not 0 here");
+        return sbi_fail(error, SB_ERROR_STATE,
+                        is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
+                                : "the state is of a body whose mesh does not change: def.slack "
+                                  "is not 0 here");
     walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
     if (walk.result != SB_OK)
         return walk.result;
@@ -63263,8 +63284,8 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
     sb_result result;
     if (!body || !path)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load_file needs a body and a path");
-    result = sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size,
-                                 error);
+    result =
+        sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size, error);
     if (result != SB_OK)
         return result;
     result = sb_body_state_load(body, image, size, error);
@@ -63300,10 +63321,10 @@ static const char sbi_record_magic[9] = "SBRECORD";
 
 struct sb_recording {
     sb_allocator allocator;
-    sb_body *body;         /* that is listened to, or NULL */
+    sb_body *body; /* that is listened to, or NULL */
     int positions_every, incomplete, commands, steps, node_count;
     size_t state_size;
-    unsigned char *data;   /* the image without its checksum; numbers of the head are put in when it is saved */
+    unsigned char *data; /* the image without its checksum; numbers of the head are put in when it is saved */
     size_t size, capacity;
 };
 
@@ -63564,8 +63585,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
-                * body when it is played; with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of
+                * the body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -63932,9 +63953,9 @@ static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 /* A place in a recording. The arrays of the command are still encoded. */
 typedef struct sbi_record_cursor {
     const sb_recording *recording;
-    size_t at;                    /* behind the command */
+    size_t at; /* behind the command */
     const sbi_record_rule *rule;
-    sbi_command command;          /* ints and reals: set by sbi_record_decode */
+    sbi_command command; /* ints and reals: set by sbi_record_decode */
     const unsigned char *ints, *reals;
 } sbi_record_cursor;
 
@@ -64012,8 +64033,8 @@ SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_all
     sb_result result;
     if (!recording || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load needs bytes and a place for the recording");
-    result = sbi_image_check((const unsigned char *)buffer, size, sbi_record_magic, SBI_RECORD_VERSION, "recording",
-                             error);
+    result =
+        sbi_image_check((const unsigned char *)buffer, size, sbi_record_magic, SBI_RECORD_VERSION, "recording", error);
     if (result != SB_OK)
         return result;
     if (size < (size_t)SBI_RECORD_HEAD + (size_t)SBI_IMAGE_TAIL)
@@ -64043,8 +64064,8 @@ SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *al
     sb_result result;
     if (!path || !recording)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load_file needs a path and a place for the recording");
-    result = sbi_image_read_file(allocator, path, sbi_record_magic, SBI_RECORD_VERSION, "recording", &image, &size,
-                                 error);
+    result =
+        sbi_image_read_file(allocator, path, sbi_record_magic, SBI_RECORD_VERSION, "recording", &image, &size, error);
     if (result != SB_OK)
         return result;
     result = sb_recording_load(image, size, allocator, recording, error);
@@ -64093,8 +64114,8 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 {
     sb_real v[3];
     for (int k = 0; k < 3; k++)
-        v[k] = sbi_real_of(sbi_get_bytes(bytes + ((size_t)node * 3 + (size_t)k) * sizeof(sb_real),
-                                         (int)sizeof(sb_real)));
+        v[k] =
+            sbi_real_of(sbi_get_bytes(bytes + ((size_t)node * 3 + (size_t)k) * sizeof(sb_real), (int)sizeof(sb_real)));
     return sb_v3(v[0], v[1], v[2]);
 }
 
@@ -64170,8 +64191,8 @@ static sb_result sbi_record_run(const sb_recording *recording, sb_body *body, co
                                 sb_recording_report *report)
 {
     sbi_record_cursor cursor = sbi_record_begin(recording);
-    sb_result result = sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size,
-                                          &report->error);
+    sb_result result =
+        sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size, &report->error);
     if (result == SB_OK && recording->node_count != body->domain.node_count)
         return sbi_fail(&report->error, SB_ERROR_STATE, "the recording is of %d nodes, the body has %d",
                         recording->node_count, body->domain.node_count);

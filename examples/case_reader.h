@@ -95,13 +95,7 @@ typedef enum case_kind {
 
 /* Codes of the solves that are no time integration; the others have that of an sb_integrator, which is > 0. */
 enum { CASE_STATIC = 0, CASE_MODES = -1 };
-enum {
-    CASE_OUTPUT_DISPLACEMENT,
-    CASE_OUTPUT_REACTION,
-    CASE_OUTPUT_STRESS,
-    CASE_OUTPUT_PROBE,
-    CASE_OUTPUT_FREQUENCIES
-};
+enum { CASE_OUTPUT_DISPLACEMENT, CASE_OUTPUT_REACTION, CASE_OUTPUT_STRESS, CASE_OUTPUT_PROBE, CASE_OUTPUT_FREQUENCIES };
 
 /* One way to write a statement. Forms with the same keyword and variant differ in their options only. */
 typedef struct case_form {
@@ -129,14 +123,11 @@ static const case_form case_forms[] = {
     {"element", NULL, "e", 0, 0, CASE_ELEMENT, 0, 1},
     {"material", "linear", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_LINEAR, 0},
     {"material", "corotated", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_COROTATED, 0},
-    {"material", "corotated_invertible", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL,
-     SB_COROTATED_INVERTIBLE, 0},
+    {"material", "corotated_invertible", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_COROTATED_INVERTIBLE, 0},
     {"material", "svk", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_SVK, 0},
     {"material", "neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_NEO_HOOKEAN, 0},
-    {"material", "neo_hookean", "", CASE_ISOCHORIC, CASE_IN_REGION, CASE_MATERIAL, SB_NEO_HOOKEAN_ISOCHORIC,
-     0},
-    {"material", "stable_neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_STABLE_NEO_HOOKEAN,
-     0},
+    {"material", "neo_hookean", "", CASE_ISOCHORIC, CASE_IN_REGION, CASE_MATERIAL, SB_NEO_HOOKEAN_ISOCHORIC, 0},
+    {"material", "stable_neo_hookean", "", CASE_HOOKE, CASE_IN_REGION, CASE_MATERIAL, SB_STABLE_NEO_HOOKEAN, 0},
     {"material", "mooney_rivlin", "", CASE_MOONEY, CASE_IN_REGION, CASE_MATERIAL, SB_MOONEY_RIVLIN, 0},
     {"material", "reduced_polynomial", "", CASE_POLYNOMIAL, CASE_IN_REGION | CASE_BIT(CASE_C30), CASE_MATERIAL,
      SB_REDUCED_POLYNOMIAL, 0},
@@ -173,9 +164,8 @@ typedef struct case_treatment {
 } case_treatment;
 
 static const case_treatment case_treatments[] = {
-    {"tet4", SB_TET4, 0, 0}, {"tet10", SB_TET10, 0, 0},    {"tet10sr", SB_TET10, 1, 0},
-    {"hex8", SB_HEX8, 0, 0}, {"hex8bbar", SB_HEX8, 0, 1}, {"hex20", SB_HEX20, 0, 0},
-    {"hex27", SB_HEX27, 0, 0},
+    {"tet4", SB_TET4, 0, 0},     {"tet10", SB_TET10, 0, 0}, {"tet10sr", SB_TET10, 1, 0}, {"hex8", SB_HEX8, 0, 0},
+    {"hex8bbar", SB_HEX8, 0, 1}, {"hex20", SB_HEX20, 0, 0}, {"hex27", SB_HEX27, 0, 0},
 };
 enum { CASE_TREATMENT_COUNT = (int)(sizeof case_treatments / sizeof case_treatments[0]) };
 
@@ -194,7 +184,7 @@ typedef struct case_statement {
     unsigned given;    /* options, as bits */
     const char *text[CASE_KEY_COUNT];
     double number[CASE_KEY_COUNT];
-    sb_vec3 vector; /* option value */
+    sb_vec3 vector;              /* option value */
     unsigned prony_g, prony_tau; /* given relaxation terms, as bits */
     sb_real g[SB_MAX_PRONY_TERMS], tau[SB_MAX_PRONY_TERMS];
 
@@ -203,8 +193,8 @@ typedef struct case_statement {
     int *nodes;         /* [count] */
     sb_vec3 *vectors;   /* [count] displacement (m), force (N) or spring point (m) of each node */
     sb_real *stiffness; /* [count] of springs (N/m) */
-    sb_vec3 *scaled;  /* [count] scratch: vectors times the ramp's share */
-    int *faces;       /* [count][corners of a face] */
+    sb_vec3 *scaled;    /* [count] scratch: vectors times the ramp's share */
+    int *faces;         /* [count][corners of a face] */
 } case_statement;
 
 /* A case. case_read fills it; `mass` may be changed before case_create_body. */
@@ -447,8 +437,8 @@ static inline void case_append_usage(case_file *c, const case_form *form)
 {
     char *at = c->message + strlen(c->message);
     size_t room = sizeof c->message - strlen(c->message);
-    int used = snprintf(at, room, "%s%s%s", form->keyword, form->variant ? " " : "",
-                        form->variant ? form->variant : "");
+    int used =
+        snprintf(at, room, "%s%s%s", form->keyword, form->variant ? " " : "", form->variant ? form->variant : "");
     for (const char *word = form->words; *word && used >= 0 && (size_t)used < room; word++)
         used += snprintf(at + used, room - (size_t)used, " %s", case_word_name(*word));
     for (int k = 0; k < CASE_KEY_COUNT && used >= 0 && (size_t)used < room; k++)
@@ -457,10 +447,7 @@ static inline void case_append_usage(case_file *c, const case_form *form)
                              case_keys[k].name);
 }
 
-static inline int case_same_text(const char *a, const char *b)
-{
-    return a == b || (a && b && strcmp(a, b) == 0);
-}
+static inline int case_same_text(const char *a, const char *b) { return a == b || (a && b && strcmp(a, b) == 0); }
 
 /* 1 when the forms differ in their options only. */
 static inline int case_are_alternatives(const case_form *a, const case_form *b)
@@ -540,10 +527,8 @@ static inline int case_parse_word(case_file *c, case_statement *s, int kind, con
     case 'e': return case_parse_treatment(c, s, word);
     case 'a':
         s->axes = case_scan_axes(word);
-        return s->axes ||
-               case_fail(c, s->line, "'%.80s' is not axes: write x, y, z or some of them, like xyz", word);
-    case 'i':
-        return case_scan_integer(word, &s->node) || case_fail(c, s->line, "'%.80s' is no node index", word);
+        return s->axes || case_fail(c, s->line, "'%.80s' is not axes: write x, y, z or some of them, like xyz", word);
+    case 'i': return case_scan_integer(word, &s->node) || case_fail(c, s->line, "'%.80s' is no node index", word);
     default:
         return case_scan_number(word, s->numbers + s->number_count++) ||
                case_fail(c, s->line, "'%.80s' is no finite number", word);
@@ -570,9 +555,7 @@ static inline int case_is_in_range(case_type type, double x, const char **expect
     case CASE_TYPE_STEP: *expected = "a number > 0 or auto"; return (sb_real)x > 0;
     case CASE_TYPE_NOT_NEGATIVE: *expected = "a number >= 0"; return x >= 0;
     case CASE_TYPE_FRACTION: *expected = "a number between 0 and 1"; return (sb_real)x > 0 && (sb_real)x < 1;
-    case CASE_TYPE_POISSON:
-        *expected = "a number between -1 and 0.5";
-        return x > -1 && (sb_real)x < (sb_real)0.5;
+    case CASE_TYPE_POISSON: *expected = "a number between -1 and 0.5"; return x > -1 && (sb_real)x < (sb_real)0.5;
     case CASE_TYPE_COUNT: *expected = "an integer >= 1"; return x >= 1;
     default: return 1;
     }
@@ -786,8 +769,7 @@ static inline int case_take_node(case_file *c, const char *word, int *node)
     if (!word || !case_scan_integer(word, node))
         return case_fail(c, 0, "'%.80s' is no node index", word ? word : "");
     if (*node < 0 || *node >= c->mesh.node_count)
-        return case_fail(c, 0, "node %d is not in the mesh, which has nodes 0 to %d", *node,
-                         c->mesh.node_count - 1);
+        return case_fail(c, 0, "node %d is not in the mesh, which has nodes 0 to %d", *node, c->mesh.node_count - 1);
     return 1;
 }
 
@@ -832,8 +814,7 @@ static inline int case_take_node_line(case_file *c, case_statement *s, char *lin
     if (!case_reserve_nodes(s))
         return case_fail_memory(c, 0);
     s->nodes[s->count] = node;
-    s->vectors[s->count] =
-        count ? sb_v3((sb_real)xyz[0], (sb_real)xyz[1], (sb_real)xyz[2]) : s->vector;
+    s->vectors[s->count] = count ? sb_v3((sb_real)xyz[0], (sb_real)xyz[1], (sb_real)xyz[2]) : s->vector;
     if (spring)
         s->stiffness[s->count] = (sb_real)numbers[0];
     s->count++;
@@ -841,8 +822,7 @@ static inline int case_take_node_line(case_file *c, case_statement *s, char *lin
 }
 
 /* How many of the listed nodes are among the first `local_count` of a face. */
-static inline int case_count_common(const int *nodes, int count, const int *cell, const int *local,
-                                    int local_count)
+static inline int case_count_common(const int *nodes, int count, const int *cell, const int *local, int local_count)
 {
     int common = 0;
     for (int i = 0; i < local_count; i++)
@@ -865,8 +845,7 @@ static inline int case_find_face(const case_file *c, const int *nodes, int count
         for (*face = 0; *face < sb_element_face_count(type); ++*face) {
             int local[SB_MAX_FACE_NODES], all = sb_element_face(type, *face, local, &face_type);
             int corners = sb_element_corner_count(face_type);
-            if ((count == corners || count == all) &&
-                case_count_common(nodes, count, cell, local, count) == count)
+            if ((count == corners || count == all) && case_count_common(nodes, count, cell, local, count) == count)
                 return 1;
         }
     }
@@ -921,8 +900,7 @@ static inline int case_take_face_line(case_file *c, case_statement *s, char *lin
 }
 
 /* Reads a list line by line; a complaint about a line gets the list's name and line number. */
-static inline int case_take_lines(case_file *c, case_statement *s, const char *path, char *text,
-                                  unsigned char *seen)
+static inline int case_take_lines(case_file *c, case_statement *s, const char *path, char *text, unsigned char *seen)
 {
     char *line, message[sizeof c->message];
     for (int number = 1; (line = case_next_line(&text)) != NULL; number++) {
@@ -996,8 +974,8 @@ static inline int case_load_mesh(case_file *c)
         return case_fail(c, s->line, "the mesh is a surface of %s; a volume mesh is needed",
                          sb_element_name(c->mesh.element_type));
     if (element && element->treatment->type != c->mesh.element_type)
-        return case_fail(c, element->line, "element %s does not fit the mesh, which has %s",
-                         element->treatment->name, sb_element_name(c->mesh.element_type));
+        return case_fail(c, element->line, "element %s does not fit the mesh, which has %s", element->treatment->name,
+                         sb_element_name(c->mesh.element_type));
     return 1;
 }
 
@@ -1014,11 +992,10 @@ static inline sb_material case_elastic_material(const case_statement *s)
     case SB_SVK: return sb_material_svk(young, poisson, density);
     case SB_NEO_HOOKEAN: return sb_material_neo_hookean(young, poisson, density);
     case SB_STABLE_NEO_HOOKEAN: return sb_material_stable_neo_hookean(young, poisson, density);
-    case SB_MOONEY_RIVLIN:
-        return sb_material_mooney_rivlin(c10, (sb_real)s->number[CASE_C01], d1, density);
+    case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin(c10, (sb_real)s->number[CASE_C01], d1, density);
     case SB_REDUCED_POLYNOMIAL:
-        return sb_material_reduced_polynomial(c10, (sb_real)s->number[CASE_C20], (sb_real)s->number[CASE_C30],
-                                              d1, density);
+        return sb_material_reduced_polynomial(c10, (sb_real)s->number[CASE_C20], (sb_real)s->number[CASE_C30], d1,
+                                              density);
     default: return sb_material_neo_hookean_isochoric(c10, d1, density);
     }
 }
@@ -1081,8 +1058,7 @@ static inline int case_check_regions(case_file *c)
             if (!c->mesh.regions)
                 return case_fail(c, c->mesh_statement->line,
                                  "the mesh has no regions (all is region 0), but every material names another");
-            return case_fail(c, c->mesh_statement->line, "region %d of the mesh (element %d) has no material",
-                             own, e);
+            return case_fail(c, c->mesh_statement->line, "region %d of the mesh (element %d) has no material", own, e);
         }
         used[at] = 1;
     }
@@ -1100,13 +1076,11 @@ static inline int case_check_regions(case_file *c)
 static inline int case_load_materials(case_file *c)
 {
     int others = 0;
-    c->region_materials =
-        (sb_region_material *)calloc((size_t)c->statement_count, sizeof *c->region_materials);
+    c->region_materials = (sb_region_material *)calloc((size_t)c->statement_count, sizeof *c->region_materials);
     if (!c->region_materials)
         return case_fail_memory(c, c->mesh_statement->line);
     for (int i = 0; i < c->statement_count; i++)
-        if (c->statements[i].form->kind == CASE_MATERIAL &&
-            !case_add_material(c, c->statements + i, others++))
+        if (c->statements[i].form->kind == CASE_MATERIAL && !case_add_material(c, c->statements + i, others++))
             return 0;
     return case_check_regions(c);
 }
@@ -1130,8 +1104,8 @@ static inline int case_add_supports(case_file *c, int index, int *owner, int *en
             if ((c->supports[s->nodes[k]] >> axis & 1) &&
                 (case_component(other->vectors[entry[at]], axis) != case_component(s->vectors[k], axis) ||
                  other->number[CASE_RAMP] != s->number[CASE_RAMP]))
-                return case_fail(c, s->line, "axis %c of node %d is already held otherwise by line %d",
-                                 'x' + axis, s->nodes[k], other->line);
+                return case_fail(c, s->line, "axis %c of node %d is already held otherwise by line %d", 'x' + axis,
+                                 s->nodes[k], other->line);
             c->supports[s->nodes[k]] |= (unsigned char)(1 << axis);
             owner[at] = index;
             entry[at] = k;
@@ -1170,8 +1144,7 @@ static inline int case_check_output(case_file *c, const case_statement *s)
 {
     int frequencies = s->form->code == CASE_OUTPUT_FREQUENCIES, modes = c->solve->form->code == CASE_MODES;
     if (frequencies != modes)
-        return case_fail(c, s->line, "output %s does not go with solve %s", s->form->variant,
-                         c->solve->form->variant);
+        return case_fail(c, s->line, "output %s does not go with solve %s", s->form->variant, c->solve->form->variant);
     if (s->form->code == CASE_OUTPUT_PROBE && (s->node < 0 || s->node >= c->mesh.node_count))
         return case_fail(c, s->line, "node %d is not in the mesh, which has nodes 0 to %d", s->node,
                          c->mesh.node_count - 1);
@@ -1313,8 +1286,7 @@ static inline int case_prepare_body(case_file *c, sb_body *body)
     if (result == SB_OK)
         result = sb_body_check(body, &report);
     if (result != SB_OK)
-        return case_fail(c, c->solve->line, "%s",
-                         error.message[0] ? error.message : sb_result_string(result));
+        return case_fail(c, c->solve->line, "%s", error.message[0] ? error.message : sb_result_string(result));
     if (c->solve->form->code == CASE_STATIC && report.unsupported_component_node >= 0)
         return case_fail(c, c->solve->line, "the part of the mesh with node %d can move freely: support it",
                          report.unsupported_component_node);
@@ -1337,8 +1309,8 @@ static inline int case_create_body(case_file *c, sb_body **out)
         def.integration = SB_INTEGRATION_BBAR;
     def.mass = case_mass(c);
     if (c->gravity)
-        def.gravity = sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1],
-                            (sb_real)c->gravity->numbers[2]);
+        def.gravity =
+            sb_v3((sb_real)c->gravity->numbers[0], (sb_real)c->gravity->numbers[1], (sb_real)c->gravity->numbers[2]);
     if (case_is_dynamic(c))
         case_set_dynamics(c, &def);
     if (sb_body_create(&def, &body, &error) != SB_OK)

@@ -93,7 +93,7 @@ typedef struct run {
     sb_vec3 *shapes;                  /* [mode_count][node_count] */
     int mode_count;
     int steps, newton, pcg;
-    int mass_kind; /* place in mass_names, or -1: what suits the solve */
+    int mass_kind;     /* place in mass_names, or -1: what suits the solve */
     char failure[600]; /* what failed and where; empty: nothing */
 } run;
 
@@ -295,9 +295,8 @@ static void write_stress(const run *r, const case_statement *s, FILE *file)
         for (int p = 0; p < sb_body_point_count(r->body); p++) {
             sb_mat3 t;
             if (sb_body_stress(r->body, e, p, &t) == SB_OK)
-                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", e, p, (double)t.m[0][0],
-                        (double)t.m[1][1], (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2],
-                        (double)t.m[0][2]);
+                fprintf(file, "%d %d %.17g %.17g %.17g %.17g %.17g %.17g\n", e, p, (double)t.m[0][0], (double)t.m[1][1],
+                        (double)t.m[2][2], (double)t.m[0][1], (double)t.m[1][2], (double)t.m[0][2]);
         }
 }
 
@@ -449,8 +448,7 @@ static sb_result write_deformed(const run *r, sb_error *error)
     sb_mesh mesh = r->file.mesh;
     sb_real *von_mises = (sb_real *)calloc((size_t)mesh.element_count, sizeof(sb_real));
     sb_vec3 *positions = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3));
-    sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL},
-                          {"von_mises", SB_FIELD_ELEMENTS, 1, NULL}};
+    sb_field fields[2] = {{"displacement", SB_FIELD_NODES, 3, NULL}, {"von_mises", SB_FIELD_ELEMENTS, 1, NULL}};
     sb_result result = SB_ERROR_MEMORY;
     if (von_mises && positions) {
         memcpy(positions, sb_body_positions(r->body), (size_t)mesh.node_count * sizeof *positions);

@@ -165,9 +165,9 @@ static int patch_test(const sb_element_table *table, sb_error *error)
         return 0;
     for (int i = 0; i < mesh.node_count; i++) /* out of shape inside, by up to a quarter of a cell */
         if (!is_on_boundary(mesh.nodes[i], size))
-            mesh.nodes[i] = sb_v3_madd(mesh.nodes[i], (sb_real)0.08,
-                                       sb_v3(scatter(3u * (unsigned)i), scatter(3u * (unsigned)i + 1),
-                                             scatter(3u * (unsigned)i + 2)));
+            mesh.nodes[i] = sb_v3_madd(
+                mesh.nodes[i], (sb_real)0.08,
+                sb_v3(scatter(3u * (unsigned)i), scatter(3u * (unsigned)i + 1), scatter(3u * (unsigned)i + 2)));
     worst = run_patch(&mesh, size, error);
     if (worst >= 0)
         printf("patch test: %d distorted wedges, a linear field is met to %.1e of itself\n", mesh.element_count, worst);

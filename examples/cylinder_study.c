@@ -2,13 +2,13 @@
  *
  *     cylinder_study [OPTIONS] [CASE]      cylinder_study --help lists them
  *
- * Two neo-Hookean cylinders of radius 5 cm (section 4.8 of Brunet, Simulation of soft tissue for augmented reality, 2020):
- * one of 60 cm, clamped at its base and bent by a traction of 30 Pa on its top; one of 5 cm, both ends clamped, stretched to
- * three times its length. They are solved with conforming tet4 and tet10 meshes, and with a grid that the surface cuts:
- * sparse (level 0), finite cell and weighted cell at several levels. The error is the relative L2 norm of the displacement
- * against a fine mesh of hex20, or against the bent or stretched case of the folder CASE (mesh.vtk and solution.txt).
- * Written are a table, the same numbers as CSV and a chart (SVG). Exit status: 0, 2 wrong usage or a file that cannot be
- * read or written, 3 a solve failed or memory is short. */
+ * Two neo-Hookean cylinders of radius 5 cm (section 4.8 of Brunet, Simulation of soft tissue for augmented reality,
+ * 2020): one of 60 cm, clamped at its base and bent by a traction of 30 Pa on its top; one of 5 cm, both ends clamped,
+ * stretched to three times its length. They are solved with conforming tet4 and tet10 meshes, and with a grid that the
+ * surface cuts: sparse (level 0), finite cell and weighted cell at several levels. The error is the relative L2 norm of
+ * the displacement against a fine mesh of hex20, or against the bent or stretched case of the folder CASE (mesh.vtk and
+ * solution.txt). Written are a table, the same numbers as CSV and a chart (SVG). Exit status: 0, 2 wrong usage or a
+ * file that cannot be read or written, 3 a solve failed or memory is short. */
 #include "system.h"
 
 #define SB_IMPLEMENTATION
@@ -20,7 +20,7 @@
 enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, MOST_SIZES = 5, SERIES = 8, RINGS = 12, SECTORS = 64 };
 
 static const double pi = 3.14159265358979323846;
-static const double radius = 0.05;                       /* m */
+static const double radius = 0.05;                         /* m */
 static const double c10 = 961.5384615384615, d1 = 0.00048; /* Pa, 1/Pa: E 5000 Pa, nu 0.3 */
 
 typedef struct settings {
@@ -63,7 +63,8 @@ static int complain(const char *what, const sb_error *error)
 static sb_real cylinder_distance(void *user, sb_vec3 p)
 {
     double length = *(const double *)user;
-    double beside = sqrt((double)(p.x * p.x + p.y * p.y)) - radius, beyond = fabs((double)p.z - length / 2) - length / 2;
+    double beside = sqrt((double)(p.x * p.x + p.y * p.y)) - radius,
+           beyond = fabs((double)p.z - length / 2) - length / 2;
     if (beside > 0 && beyond > 0)
         return (sb_real)sqrt(beside * beside + beyond * beyond);
     return (sb_real)(beside > beyond ? beside : beyond);
@@ -85,7 +86,8 @@ static int make_top(double length, sb_mesh *top)
             double angle = 2 * pi * s / (int)SECTORS, at = reach * r / (int)RINGS;
             int next = (s + 1) % SECTORS, outer = 1 + (r - 1) * SECTORS, inner = outer - SECTORS;
             int *t = top->elements + 3 * top->element_count;
-            top->nodes[top->node_count++] = sb_v3((sb_real)(at * cos(angle)), (sb_real)(at * sin(angle)), (sb_real)length);
+            top->nodes[top->node_count++] =
+                sb_v3((sb_real)(at * cos(angle)), (sb_real)(at * sin(angle)), (sb_real)length);
             t[0] = r == 1 ? 0 : inner + s, t[1] = outer + s, t[2] = outer + next;
             if (r > 1)
                 t[3] = inner + s, t[4] = outer + next, t[5] = inner + next;
@@ -279,7 +281,8 @@ static int run_mesh(const settings *s, const experiment *e, sb_element_type type
     sb_error error;
     int status;
     memset(&mesh, 0, sizeof mesh);
-    if (sb_mesh_cylinder(type, 2, (sb_real)radius, (sb_real)e->length, across, layers(e, across), NULL, &mesh, &error) != SB_OK)
+    if (sb_mesh_cylinder(type, 2, (sb_real)radius, (sb_real)e->length, across, layers(e, across), NULL, &mesh,
+                         &error) != SB_OK)
         return complain("the mesh", &error);
     status = solve(s, e, &mesh, NULL, &body);
     *nodes = mesh.node_count;
@@ -335,7 +338,8 @@ static int make_reference(const settings *s, experiment *e)
     sb_error error;
     int across = s->quick ? 6 : e->stretch ? 16 : 10, status;
     int along = e->stretch ? layers(e, across) : layers(e, across) / 2;
-    if (sb_mesh_cylinder(SB_HEX20, 2, (sb_real)radius, (sb_real)e->length, across, along, NULL, &e->reference, &error) != SB_OK)
+    if (sb_mesh_cylinder(SB_HEX20, 2, (sb_real)radius, (sb_real)e->length, across, along, NULL, &e->reference,
+                         &error) != SB_OK)
         return complain("the reference", &error);
     status = solve(s, e, &e->reference, NULL, &body);
     e->solution = (sb_vec3 *)malloc((size_t)e->reference.node_count * sizeof(sb_vec3));
@@ -367,7 +371,8 @@ static int read_reference(const char *folder, experiment *e)
         double u[3];
         if (line[0] == '#')
             continue;
-        good = sscanf(line, "%d %lf %lf %lf", &node, &u[0], &u[1], &u[2]) == 4 && node >= 0 && node < e->reference.node_count;
+        good = sscanf(line, "%d %lf %lf %lf", &node, &u[0], &u[1], &u[2]) == 4 && node >= 0 &&
+               node < e->reference.node_count;
         if (good)
             e->solution[node] = sb_v3((sb_real)u[0], (sb_real)u[1], (sb_real)u[2]);
         lines += good;
@@ -378,7 +383,8 @@ static int read_reference(const char *folder, experiment *e)
         fprintf(stderr, "cylinder_study: %s: not a line `node ux uy uz` for each node of the mesh\n", path);
         return EXIT_USAGE;
     }
-    if (fabs((double)high.x - radius) > 1e-3 * radius || fabs((double)(high.z - low.z) - e->length) > 1e-3 * e->length) {
+    if (fabs((double)high.x - radius) > 1e-3 * radius ||
+        fabs((double)(high.z - low.z) - e->length) > 1e-3 * e->length) {
         e->name = NULL; /* another experiment's */
         return 0;
     }
@@ -428,7 +434,8 @@ static int run_experiment(const settings *s, const experiment *e, series *curves
     return status;
 }
 
-static void set_series(series *curve, const char *name, sb_element_type element, sb_grid_method method, int level, int most)
+static void set_series(series *curve, const char *name, sb_element_type element, sb_grid_method method, int level,
+                       int most)
 {
     memset(curve, 0, sizeof *curve);
     curve->name = name;
@@ -452,8 +459,9 @@ static void set_all_series(series curves[SERIES])
 
 static void add_panel(plot *p, const experiment *e, const series curves[SERIES])
 {
-    plot_panel *panel = plot_add_panel(p, e->stretch ? "5 cm, stretched to three times its length" : "60 cm, bent by 30 Pa",
-                                       "nodes", "relative L2 error of the displacement");
+    plot_panel *panel =
+        plot_add_panel(p, e->stretch ? "5 cm, stretched to three times its length" : "60 cm, bent by 30 Pa", "nodes",
+                       "relative L2 error of the displacement");
     panel->log_x = panel->log_y = 1;
     for (int c = 0; c < SERIES; c++) {
         plot_curve *curve = plot_add_curve(panel, curves[c].name, curves[c].nodes, curves[c].errors, curves[c].count);
@@ -499,7 +507,8 @@ static int program(int argc, char **argv)
     settings s = {"cylinder_study", 0, 0, 1e-4, 1};
     option list[] = {
         {"-o", "NAME", OPTION_TEXT, NULL, NULL, &s.out, 0, 0, "writes NAME.svg and NAME.csv"},
-        {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0, "two sizes of each and a coarser reference: seconds"},
+        {"--quick", NULL, OPTION_FLAG, &s.quick, NULL, NULL, 0, 0,
+         "two sizes of each and a coarser reference: seconds"},
         {"--steps", "N", OPTION_INTEGER, &s.steps, NULL, NULL, 1, 1000, "load steps to begin with"},
         {"--void", "A", OPTION_NUMBER, NULL, &s.void_stiffness, NULL, 0, 0.5, "share of the stiffness outside"},
         {"--help", NULL, OPTION_FLAG, &s.help, NULL, NULL, 0, 0, "this text"},
@@ -514,11 +523,14 @@ static int program(int argc, char **argv)
     if (!options_parse("cylinder_study", list, OPTIONS, &folder, 1, argc, argv))
         return EXIT_USAGE;
     if (s.help) {
-        printf("cylinder_study [OPTIONS] [CASE]: errors of immersed grids on a bent and a stretched cylinder. CASE: folder "
+        printf("cylinder_study [OPTIONS] [CASE]: errors of immersed grids on a bent and a stretched cylinder. CASE: "
+               "folder "
                "with mesh.vtk and solution.txt to compare with, otherwise a fine mesh is solved\n\n");
         options_print(list, OPTIONS);
-        printf("\nThe table: cells (or elements) across the diameter, nodes, the L2 norm of the displacement's error relative to\n"
-               "that of the reference, and the wall time of one solution. \"weighted cell 4\": level 4, cut cells are halved\n"
+        printf("\nThe table: cells (or elements) across the diameter, nodes, the L2 norm of the displacement's error "
+               "relative to\n"
+               "that of the reference, and the wall time of one solution. \"weighted cell 4\": level 4, cut cells are "
+               "halved\n"
                "four times to find what lies inside.\n");
         return 0;
     }

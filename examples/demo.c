@@ -300,8 +300,7 @@ static void print_warnings(const scene *s)
         if (report.warnings & bit)
             fprintf(stderr, "demo: warning: %s\n", sb_check_string(bit));
     if (report.warnings & SB_CHECK_SIZE)
-        fprintf(stderr,
-                "demo: warning: the organ measures %.3g m; is it in millimetres? then add --scale 0.001\n",
+        fprintf(stderr, "demo: warning: the organ measures %.3g m; is it in millimetres? then add --scale 0.001\n",
                 (double)report.size);
 }
 
@@ -310,8 +309,7 @@ static int make_body(const settings *set, scene *s)
     sb_error error;
     sb_body_def def = sb_default_body_def();
     def.mesh = &s->mesh;
-    def.material =
-        find_material(set->material)->make(REAL(set->young), REAL(set->poisson), REAL(set->density));
+    def.material = find_material(set->material)->make(REAL(set->young), REAL(set->poisson), REAL(set->density));
     def.single_rotation = s->mesh.element_type == SB_TET10 && def.material.model == SB_COROTATED; /* faster */
     def.gravity = sb_v3(0, 0, REAL(-9.81));
     def.damping_stiffness = REAL(0.02); /* tissue rings for a few tenths of a second, not longer */
@@ -520,8 +518,8 @@ static void describe(const settings *set, const scene *s, char title[128], char 
             name = c + 1;
     snprintf(title, 128, "%.60s under gravity and a %.0f mm ball", name, 2e3 * s->ball.radius);
     snprintf(details, 256, "%d %s, %s, E %.4g kPa, nu %.3g; ball %.1f mm deep, %.2f N", s->mesh.element_count,
-             sb_element_name(s->mesh.element_type), set->material, 1e-3 * set->young, set->poisson,
-             1e3 * s->ball.depth, (double)sb_v3_norm(s->ball.force));
+             sb_element_name(s->mesh.element_type), set->material, 1e-3 * set->young, set->poisson, 1e3 * s->ball.depth,
+             (double)sb_v3_norm(s->ball.force));
 }
 
 static void draw_ball(picture *p, const tool *ball)
@@ -644,22 +642,21 @@ static int run(const settings *set, scene *s, double *seconds, long *iterations,
 static void print_scene(const settings *set, const scene *s)
 {
     sb_vec3 size = sb_v3_sub(s->high, s->low);
-    printf("organ        %s: %d nodes, %d %s, %.0f x %.0f x %.0f mm, %.3g kg\n",
-           set->organ ? set->organ : "made here", s->mesh.node_count, s->mesh.element_count,
-           sb_element_name(s->mesh.element_type), 1e3 * (double)size.x, 1e3 * (double)size.y,
-           1e3 * (double)size.z, (double)sb_body_mass(s->body));
-    printf("material     %s, E %.4g Pa, nu %.4g, density %.4g kg/m^3; %d nodes held\n", set->material,
-           set->young, set->poisson, set->density, s->fixed_count);
+    printf("organ        %s: %d nodes, %d %s, %.0f x %.0f x %.0f mm, %.3g kg\n", set->organ ? set->organ : "made here",
+           s->mesh.node_count, s->mesh.element_count, sb_element_name(s->mesh.element_type), 1e3 * (double)size.x,
+           1e3 * (double)size.y, 1e3 * (double)size.z, (double)sb_body_mass(s->body));
+    printf("material     %s, E %.4g Pa, nu %.4g, density %.4g kg/m^3; %d nodes held\n", set->material, set->young,
+           set->poisson, set->density, s->fixed_count);
 }
 
 static void print_summary(const settings *set, const scene *s, const outputs *out)
 {
     double way = s->ball.gap + s->ball.depth, time = (press_ends - press_begins) * set->frames * set->dt;
-    printf("ball         radius %.1f mm, %.1f mm deep at up to %.1f cm/s, peak force %.2f N\n",
-           1e3 * s->ball.radius, 1e3 * s->ball.depth, 100 * 1.875 * way / time, s->ball.peak_force);
+    printf("ball         radius %.1f mm, %.1f mm deep at up to %.1f cm/s, peak force %.2f N\n", 1e3 * s->ball.radius,
+           1e3 * s->ball.depth, 100 * 1.875 * way / time, s->ball.peak_force);
     if (out->files)
-        printf("frames       %s/demo_0000.vtk to demo_%04d.vtk; ParaView opens %s/demo.vtk.series\n",
-               set->folder, out->files - 1, set->folder);
+        printf("frames       %s/demo_0000.vtk to demo_%04d.vtk; ParaView opens %s/demo.vtk.series\n", set->folder,
+               out->files - 1, set->folder);
     printf("picture      %s\n", out->picture);
 }
 

@@ -16,19 +16,24 @@ int main(int argc, char **argv)
     def.mesh = &mesh;
     def.material = sb_material_corotated(8000, 0.45, 1060); /* E (Pa), Poisson's ratio, density (kg/m^3) */
     def.gravity = sb_v3(0, 0, -9.81);
-    if (sb_body_create(&def, &body, &error)) return fail(&error);
+    if (sb_body_create(&def, &body, &error))
+        return fail(&error);
     sb_vec3 low, high;
     sb_mesh_bounds(&mesh, &low, &high);
     for (int i = 0; i < mesh.node_count; i++) /* hold the back third */
-        if (mesh.nodes[i].y > high.y - (high.y - low.y) / 3 && sb_body_fix_nodes(body, &i, 1, SB_XYZ)) return 1;
+        if (mesh.nodes[i].y > high.y - (high.y - low.y) / 3 && sb_body_fix_nodes(body, &i, 1, SB_XYZ))
+            return 1;
     sb_step_info info;
     for (int frame = 0; frame < 60; frame++)
-        if (sb_body_step(body, 1.0 / 60, &info)) return fail(&info.error);
+        if (sb_body_step(body, 1.0 / 60, &info))
+            return fail(&info.error);
     double sag = 0, stress = 0;
-    for (int i = 0; i < mesh.node_count; i++) sag = sb_max(sag, -sb_body_displacements(body)[i].z);
+    for (int i = 0; i < mesh.node_count; i++)
+        sag = sb_max(sag, -sb_body_displacements(body)[i].z);
     sb_mat3 sigma;
     for (int i = 0; i < mesh.element_count; i++)
-        if (sb_body_stress(body, i, 0, &sigma) == SB_OK) stress = sb_max(stress, sb_von_mises(sigma));
+        if (sb_body_stress(body, i, 0, &sigma) == SB_OK)
+            stress = sb_max(stress, sb_von_mises(sigma));
     printf("it sags by %.1f mm, the largest von Mises stress is %.0f Pa\n", 1e3 * sag, stress);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);

@@ -42,7 +42,7 @@ typedef struct settings {
 /* Errors of one method on one pattern: sorted, in mm. */
 typedef struct score {
     int ran;
-    double *volume;  /* [fine nodes] */
+    double *volume; /* [fine nodes] */
     double mean, median, most, surface_mean, surface_most, distance, marker_mean, marker_most;
     double seconds_start, seconds_setup, seconds_run;
     const char *stop;
@@ -61,12 +61,12 @@ typedef struct work {
     int *fixed, fixed_count; /* of the model */
     int *held, held_count;   /* of the organ */
     sb_vec3 low, high;
-    double size;             /* m */
+    double size;               /* m */
     double mean_way, most_way; /* mm, that the pattern moves the nodes */
     int markers[MARKERS];
     /* of the present pattern */
     sb_body *body;
-    sb_vec3 *truth;          /* [organ nodes] in the target's pose */
+    sb_vec3 *truth; /* [organ nodes] in the target's pose */
     sb_mesh target;
     reg_cloud cloud;
     unsigned long long random;
@@ -220,7 +220,8 @@ static int ascending_reals(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The height that a fifth of the organ is below: so much of any shape is held that the rest does not swing from a tip. */
+/* The height that a fifth of the organ is below: so much of any shape is held that the rest does not swing from a
+ * tip. */
 static int find_held_height(work *w)
 {
     int n = w->organ.node_count;

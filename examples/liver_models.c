@@ -18,11 +18,11 @@
 enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, PATTERNS = 2 };
 
 typedef struct settings {
-    const char *liver;  /* file, or NULL: made here */
-    const char *folder; /* for VTK files, or NULL: none are written */
-    double scale;       /* of the file's lengths */
+    const char *liver;   /* file, or NULL: made here */
+    const char *folder;  /* for VTK files, or NULL: none are written */
+    double scale;        /* of the file's lengths */
     double breath, dent; /* greatest prescribed displacements (m) */
-    double duration;    /* s */
+    double duration;     /* s */
     int steps, cells, help;
 } settings;
 
@@ -31,8 +31,8 @@ typedef struct settings {
 typedef struct model {
     const char *name;
     sb_preset preset;
-    int corotated;              /* 1: the linear model's constants in the corotated formulation */
-    double beta;                /* Rayleigh damping (s) */
+    int corotated;                /* 1: the linear model's constants in the corotated formulation */
+    double beta;                  /* Rayleigh damping (s) */
     const char *thesis[PATTERNS]; /* maximum / mean distance to the reference (mm) */
 } model;
 
@@ -63,8 +63,8 @@ static const char *const pattern_names[PATTERNS] = {"respiration", "instrument"}
 /* Supported nodes of a pattern and where they end. */
 typedef struct pattern {
     int fixed_count, moved_count;
-    int *fixed, *moved;   /* [mesh.node_count] each */
-    sb_vec3 *ends, *way;  /* [mesh.node_count] displacement (m) of moved nodes: at last, now */
+    int *fixed, *moved;  /* [mesh.node_count] each */
+    sb_vec3 *ends, *way; /* [mesh.node_count] displacement (m) of moved nodes: at last, now */
 } pattern;
 
 typedef struct study {
@@ -162,7 +162,8 @@ static void make_dent(study *s)
         if (is_dome(s, i))
             hold(p, s->skin.nodes[i]);
         else if (distance < radius)
-            move(p, s->skin.nodes[i], sb_v3_scale((sb_real)(s->set->dent * (1 - smooth_step(distance, 0, radius))), inwards));
+            move(p, s->skin.nodes[i],
+                 sb_v3_scale((sb_real)(s->set->dent * (1 - smooth_step(distance, 0, radius))), inwards));
     }
 }
 
@@ -350,7 +351,8 @@ static void print_table(const study *s)
         }
         printf("\n");
     }
-    printf("\nWhat the thesis found on its liver: where the organ turns (respiration) the linear model is far off and all\n"
+    printf("\nWhat the thesis found on its liver: where the organ turns (respiration) the linear model is far off and "
+           "all\n"
            "others, which know rotations, are close; where it is only dented they are all alike. How close Jordan and\n"
            "Kim come depends on the shape: they resist changes of volume more than the reference does.\n");
 }

@@ -35,9 +35,9 @@ typedef struct trial {
     const settings *set;
     ndl_needle_def needle;
     ndl_friction friction;
-    sb_vec3 entry;     /* m, on the tissue */
-    double height;     /* m, of the tissue below it */
-    double curvature;  /* 1/m, measured */
+    sb_vec3 entry;    /* m, on the tissue */
+    double height;    /* m, of the tissue below it */
+    double curvature; /* 1/m, measured */
     unsigned long long seed;
     double *distances; /* mm, [targets] */
     int hits;
@@ -169,8 +169,8 @@ static void report(trial *t, int number, scene_point *target, double extra, doub
         printf("%4d  %7.2f %7.2f %7.2f  %+6.1f  %6.2f  %8.3f  %5d  %s\n", number + 1, x, y, z, extra, moved,
                1e3 * distance, steps, outcome);
     if (t->table.file)
-        fprintf(t->table.file, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, x, y, z, extra, moved, 1e3 * distance,
-                steps, outcome);
+        fprintf(t->table.file, "%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%s\n", number + 1, x, y, z, extra, moved,
+                1e3 * distance, steps, outcome);
 }
 
 static int steer_to_target(trial *t, int number)
@@ -281,8 +281,8 @@ static int measure_compliances(trial *t, const scene_point *target, const pad *p
 {
     double force = 1e-3 * t->set->young * pad_radius * pad_radius;
     for (int axis = 0; axis < 3; axis++) {
-        sb_vec3 f = sb_v3((sb_real)(axis == 0 ? force : 0), (sb_real)(axis == 1 ? force : 0),
-                          (sb_real)(axis == 2 ? force : 0));
+        sb_vec3 f =
+            sb_v3((sb_real)(axis == 0 ? force : 0), (sb_real)(axis == 1 ? force : 0), (sb_real)(axis == 2 ? force : 0));
         if (!press_point(t, target, f))
             return 0;
         for (int i = 0; i < 15; i++) /* to rest */
@@ -308,7 +308,7 @@ static int push_and_insert(trial *t, scene_point *target, const pad *p, ndl_push
     const settings *set = t->set;
     ndl_command command;
     sb_vec3 force, point;
-    const int patience = 200; /* steps of waiting in all */
+    const int patience = 200;                 /* steps of waiting in all */
     const double near = 0.3e-3 * set->within; /* m: then an insertion that is under way goes on */
     int waited = 0;
     memset(&command, 0, sizeof command);

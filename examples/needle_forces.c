@@ -295,8 +295,11 @@ static int study_viscous(const settings *s, record *r)
     plot_begin(&p, "Viscous friction: pushed in, then held still (figure 7.4)");
     panel = plot_add_panel(&p, "Force at three speeds", "time (s)", "push (N)");
     for (int run = 0; run < 3; run++)
-        plot_add_curve(panel, run == 0 ? "8.3 mm/s" : run == 1 ? "16.6 mm/s" : "33.2 mm/s", r->values[0],
-                       r->values[1 + run], r->count);
+        plot_add_curve(panel,
+                       run == 0   ? "8.3 mm/s"
+                       : run == 1 ? "16.6 mm/s"
+                                  : "33.2 mm/s",
+                       r->values[0], r->values[1 + run], r->count);
     panel = plot_add_panel(&p, "The gel goes along and slides back (16.6 mm/s)", "time (s)", "skin at the needle (mm)");
     plot_add_curve(panel, "skin", r->values[0], r->values[4], r->count);
     printf("viscous:       peaks of %.3f, %.3f and %.3f N, %.4f N once it is still\n",

@@ -42,8 +42,8 @@ typedef struct course {
     double needle_radius, clearance, most_motion; /* m */
     double *times;                                /* ms, [MOST_TIMES] */
     int time_count;
-    double length, straight;                      /* m: of the straight way, and its distance from the cylinders */
-    double last;                                  /* s, when the last step ended */
+    double length, straight; /* m: of the straight way, and its distance from the cylinders */
+    double last;             /* s, when the last step ended */
     sb_output table;
     scene_steering steering;
 } course;
@@ -319,7 +319,8 @@ static int program(int argc, char **argv)
         fprintf(stderr, "needle_obstacles: %s cannot be written\n", path);
         return SCENE_USAGE;
     }
-    fprintf(c.table.file, "t,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm,distance_mm,clearance_mm\n");
+    fprintf(c.table.file,
+            "t,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm,distance_mm,clearance_mm\n");
     c.times = (double *)malloc(MOST_TIMES * sizeof *c.times);
     status = c.times ? run(&c) : SCENE_SOLVE;
     if (sb_output_close(&c.table, NULL) != SB_OK) {

@@ -43,11 +43,11 @@ typedef struct record {
     int turned_at;               /* points of it before the half-turn; all without one */
     scene_circle circles[BENDS]; /* through the path before and after the turn */
     int circle_count;
-    double *fed, *rms;           /* [count] cm fed; mm, of all markers then */
+    double *fed, *rms; /* [count] cm fed; mm, of all markers then */
     int count, capacity;
-    double square, most;         /* m^2, sum over all markers and times; m */
+    double square, most; /* m^2, sum over all markers and times; m */
     long samples;
-    double *curves[4];           /* x and y of path and needle (mm), for the chart */
+    double *curves[4]; /* x and y of path and needle (mm), for the chart */
     int curve_counts[2];
     int restored;
 } record;
@@ -263,8 +263,7 @@ static int run_bend(phantom *p, int bend, FILE *table)
     char path[NAME_SIZE];
     int good;
     snprintf(path, sizeof path, "%s_%s.png", p->set->output, name);
-    good = scene_start(&p->s, &p->needle) &&
-           move(p, r, table, outlet_height + 0.5 * depth, 0, "goes in");
+    good = scene_start(&p->s, &p->needle) && move(p, r, table, outlet_height + 0.5 * depth, 0, "goes in");
     r->turned_at = r->path.count;
     good = good && (bend == 0 || move(p, r, table, 0, pi, "turns")) && move(p, r, table, 0.5 * depth, 0, "goes in");
     if (bend == 0)

@@ -494,8 +494,8 @@ static int print_summary(work *w)
     if (w->blocked > 0)
         fprintf(stderr, "needle_prostate: warning: in %d steps the tip could not follow: no sound tets were found\n",
                 w->blocked);
-    printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done,
-           ms[w->done / 2], ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
+    printf("steps=%d median_ms=%.3f p99_ms=%.3f consistent=%.2f%% quality=%.4f topology=%s\n", w->done, ms[w->done / 2],
+           ms[w->done * 99 / 100], 100.0 * w->consistent / w->done, w->worst_quality,
            ndl_remesh_is_original(ndl_needle_remesh(w->body.needle)) ? "restored" : "changed");
     return 0;
 }
@@ -510,8 +510,8 @@ static void release(work *w)
 
 static int run(const settings *set)
 {
-    static int (*const stages[])(work *) = {make_mesh, make_scene, plan_run, run_steps, write_lists, close_csv,
-                                            print_summary};
+    static int (*const stages[])(work *) = {make_mesh,   make_scene, plan_run,     run_steps,
+                                            write_lists, close_csv,  print_summary};
     work w;
     int status = 0;
     memset(&w, 0, sizeof w);
@@ -542,7 +542,8 @@ static int program(int argc, char **argv)
     s.seconds = 18;
     const option options[] = {
         {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
-         "tissue of tets in metres, the highest region is the prostate (VTK, VTU, gmsh, Medit, TetGen); default: made here"},
+         "tissue of tets in metres, the highest region is the prostate (VTK, VTU, gmsh, Medit, TetGen); default: made "
+         "here"},
         {"--tip", "KIND", OPTION_TEXT, NULL, NULL, &s.tip, 0, 0, "bevel or symmetric"},
         {"--seconds", "S", OPTION_NUMBER, NULL, &s.seconds, NULL, 0.5, 1e5, "length of the run, steps are of 0.02 s"},
         {"--csv", "FILE", OPTION_TEXT, NULL, NULL, &s.csv, 0, 0, "a line for each step"},

@@ -28,9 +28,9 @@ typedef struct scene_def {
     const char *mesh;    /* file, or NULL: a box from the origin to `size` (m) */
     double scale;        /* of the file's lengths */
     double size[3];
-    int cells[3];        /* of the box: 6 tets each */
+    int cells[3]; /* of the box: 6 tets each */
     double young, poisson, density;
-    double damping;      /* stiffness-proportional (s) */
+    double damping; /* stiffness-proportional (s) */
 } scene_def;
 
 typedef struct scene {
@@ -164,8 +164,8 @@ static inline void scene_hold(scene *s, int axis, int upper)
     }
 }
 
-/* How the tissue is stepped: one linear system a step, in which what dt cannot resolve is damped away, so that the force
- * on the needle's base does not ring. */
+/* How the tissue is stepped: one linear system a step, in which what dt cannot resolve is damped away, so that the
+ * force on the needle's base does not ring. */
 static inline sb_body_def scene_body_def(void)
 {
     sb_body_def def = sb_default_body_def();
@@ -316,7 +316,7 @@ static inline int scene_hit(const scene *s, sb_vec3 from, sb_vec3 direction, sb_
 typedef struct scene_steering {
     ndl_steer_def def;
     scene_point target;
-    double dt; /* s of a step; def.step is inserted in it */
+    double dt;                                                       /* s of a step; def.step is inserted in it */
     int (*after_step)(void *user, scene *s, const ndl_steer *steer); /* or NULL; 0 ends it all */
     void *user;
     /* results */

@@ -1,21 +1,24 @@
-/* one_body: one organ from the scan to the needle and back: registered, pierced, drawn, saved, recorded and played again.
+/* one_body: one organ from the scan to the needle and back: registered, pierced, drawn, saved, recorded and played
+ * again.
  *
  *     one_body [OPTIONS]              one_body --help lists the options
  *
  * An organ (a volume mesh of tet4, or one made here) is registered to a scan of its skin (a point cloud in the organ's
- * frame, or one made here: the organ is pressed from below, and a camera above it sees a part of it with noise). Loads on
- * its skin are found that give it that shape, and stay. A needle goes in to a target that has moved with the organ, waits
- * and is drawn out. Half way in, the state is saved and loaded into a second scene, which must come to the same bits at
- * the target. All that is done to the body is recorded, and must come to the same bits when it is played on a third. The
- * organ's fine skin is embedded and drawn where the needle is deepest. Writes PREFIX.png (a look into the organ),
- * PREFIX.state, PREFIX.record and PREFIX.csv (what the hand feels, tip and target after each step). The last line is
+ * frame, or one made here: the organ is pressed from below, and a camera above it sees a part of it with noise). Loads
+ * on its skin are found that give it that shape, and stay. A needle goes in to a target that has moved with the organ,
+ * waits and is drawn out. Half way in, the state is saved and loaded into a second scene, which must come to the same
+ * bits at the target. All that is done to the body is recorded, and must come to the same bits when it is played on a
+ * third. The organ's fine skin is embedded and drawn where the needle is deepest. Writes PREFIX.png (a look into the
+ * organ), PREFIX.state, PREFIX.record and PREFIX.csv (what the hand feels, tip and target after each step). The last
+ * line is
  *
  *     registered_mm=... truth_mm=... target_mm=... continued=same|differs replayed=same|differs
  *     topology=restored|changed seconds=...
  *
- * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan from
- * the organ's fine skin; target_mm: how far from its target the tip came to rest. Exit status: 0, 1 something differs or the mesh is not the first one again, 2 wrong usage or a file
- * that cannot be read or written, 3 no memory, no registration, or a step failed. */
+ * (one line; truth_mm, the mean error of all nodes, only of a scan made here). registered_mm: mean distance of the scan
+ * from the organ's fine skin; target_mm: how far from its target the tip came to rest. Exit status: 0, 1 something
+ * differs or the mesh is not the first one again, 2 wrong usage or a file that cannot be read or written, 3 no memory,
+ * no registration, or a step failed. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -36,9 +39,9 @@
 
 enum { EXIT_DIFFERS = 1, EXIT_USAGE = 2, EXIT_SOLVE = 3, PATH_SIZE = 1024 };
 
-static const double STEP = 0.02, SPEED = 0.02;         /* s, m/s of the tip */
-static const double SLEEVE = 0.080, STANDOFF = 0.035;  /* m before the skin at rest: the sleeve, and the tip */
-static const double APPROACH = 1, REST = 0.5;          /* s: the sleeve goes to its place; the needle waits */
+static const double STEP = 0.02, SPEED = 0.02;        /* s, m/s of the tip */
+static const double SLEEVE = 0.080, STANDOFF = 0.035; /* m before the skin at rest: the sleeve, and the tip */
+static const double APPROACH = 1, REST = 0.5;         /* s: the sleeve goes to its place; the needle waits */
 
 typedef struct settings {
     const char *mesh, *skin, *scan, *prefix;
@@ -55,19 +58,19 @@ typedef struct scene {
 
 typedef struct work {
     const settings *set;
-    sb_mesh organ, skin;       /* of tets; its fine surface */
-    int *held, held_count;     /* nodes that do not move */
+    sb_mesh organ, skin;   /* of tets; its fine surface */
+    int *held, held_count; /* nodes that do not move */
     reg_cloud scan;
     sb_vec3 *truth;            /* displacements of the nodes when the scan was made here (m), or NULL */
     sb_vec3 target, direction; /* m in the organ at rest; unit vector of the needle */
     sb_vec3 entry;             /* m, on the skin at rest */
     scene main, second, third;
-    sb_embedding *embedding;   /* of the fine skin; follows the first scene */
+    sb_embedding *embedding; /* of the fine skin; follows the first scene */
     sb_recording *recording;
-    sb_output csv;             /* csv.file is NULL: none is open */
-    sb_vec3 offset;            /* m from the sleeve's first place to that before the target */
+    sb_output csv;  /* csv.file is NULL: none is open */
+    sb_vec3 offset; /* m from the sleeve's first place to that before the target */
     int approach_steps, insert_steps, rest_steps, retract_steps, save_step; /* of the needle */
-    uint64_t reached;          /* hash of the body at the target */
+    uint64_t reached;                                                       /* hash of the body at the target */
     sb_vec3 reached_tip;
     double registered, wrong, missed; /* m */
     int continued, replayed, restored;
@@ -89,7 +92,8 @@ static int complain_of(int status, const char *about, const sb_error *error)
         snprintf(place, sizeof place, "%s:%d", error->file, error->line);
     else
         snprintf(place, sizeof place, "%s", error->file);
-    return complain(error->result == SB_ERROR_MEMORY ? (int)EXIT_SOLVE : status, place[0] ? place : about, error->message);
+    return complain(error->result == SB_ERROR_MEMORY ? (int)EXIT_SOLVE : status, place[0] ? place : about,
+                    error->message);
 }
 
 static int complain_memory(void) { return complain(EXIT_SOLVE, NULL, "not enough memory"); }
@@ -161,7 +165,8 @@ static sb_vec3 share_of_box(const work *w, double x, double y, double z)
 {
     sb_vec3 low, high;
     sb_mesh_bounds(&w->organ, &low, &high);
-    return sb_v3(low.x + REAL(x) * (high.x - low.x), low.y + REAL(y) * (high.y - low.y), low.z + REAL(z) * (high.z - low.z));
+    return sb_v3(low.x + REAL(x) * (high.x - low.x), low.y + REAL(y) * (high.y - low.y),
+                 low.z + REAL(z) * (high.z - low.z));
 }
 
 /* Where the vessels are that hold it: behind, about the middle of its width. */
@@ -176,7 +181,8 @@ static int hold_organ(work *w)
         if (x.x >= low.x && x.x <= high.x && x.y >= low.y)
             w->held[w->held_count++] = i;
     }
-    return w->held_count >= 3 ? 0 : complain(EXIT_USAGE, w->set->mesh, "has no nodes in the middle behind to be held by");
+    return w->held_count >= 3 ? 0
+                              : complain(EXIT_USAGE, w->set->mesh, "has no nodes in the middle behind to be held by");
 }
 
 /* A target in the thick part, and a way to it from above that no edges of the mesh run along. */
@@ -208,7 +214,8 @@ static int choose_way(work *w)
 
 /* ---- scenes ---------------------------------------------------------------------------------------------------- */
 
-/* One linear system a step, in which what STEP cannot resolve is damped away; room for the mesh to follow the needle. */
+/* One linear system a step, in which what STEP cannot resolve is damped away; room for the mesh to follow the
+ * needle. */
 static sb_body_def body_def(const work *w)
 {
     sb_body_def def = sb_default_body_def();
@@ -516,8 +523,8 @@ static int register_organ(work *w)
 
 /* ---- the needle ------------------------------------------------------------------------------------------------ */
 
-/* Steps of the needle: the sleeve goes to its place, the needle goes in (the organ gives way, and it takes longer than at
- * rest), waits, and is drawn out. */
+/* Steps of the needle: the sleeve goes to its place, the needle goes in (the organ gives way, and it takes longer than
+ * at rest), waits, and is drawn out. */
 static void plan_way(work *w)
 {
     double way = STANDOFF + (double)sb_v3_norm(sb_v3_sub(w->target, w->entry));
@@ -551,9 +558,9 @@ static int note_step(work *w, int step)
         return EXIT_SOLVE;
     ndl_needle_base_wrench(w->main.needle, &force, NULL);
     fprintf(w->csv.file, "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", (step + 1) * STEP,
-            -(double)sb_v3_dot(force, w->direction), 1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * (double)tip.x,
-            1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x, 1e3 * (double)target.y,
-            1e3 * (double)target.z);
+            -(double)sb_v3_dot(force, w->direction), 1e3 * (double)ndl_needle_depth(w->main.needle),
+            1e3 * (double)tip.x, 1e3 * (double)tip.y, 1e3 * (double)tip.z, 1e3 * (double)target.x,
+            1e3 * (double)target.y, 1e3 * (double)target.z);
     return 0;
 }
 
@@ -653,7 +660,8 @@ static int draw_picture(const work *w)
         picture_render(&p, w->set->azimuth, w->set->elevation);
         picture_colour_bar(&p, "displacement", "mm", 0, most, most);
         picture_length_bar(&p);
-        picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(), "One body: registered, then pierced");
+        picture_text(&p, 0.06 * width, 0.075 * height, 22, PICTURE_LEFT, picture_ink(),
+                     "One body: registered, then pierced");
         snprintf(text, sizeof text, "%.1f mm deep, %.2f mm from the target; dots: the scan",
                  1e3 * (double)ndl_needle_depth(w->main.needle), 1e3 * w->missed);
         picture_text(&p, 0.06 * width, 0.115 * height, 14, PICTURE_LEFT, picture_ink(), text);
@@ -780,7 +788,8 @@ static int close_csv(work *w)
 {
     char path[PATH_SIZE];
     name_file(w, ".csv", path);
-    return !w->csv.file || sb_output_close(&w->csv, NULL) == SB_OK ? 0 : complain(EXIT_USAGE, path, "cannot be written");
+    return !w->csv.file || sb_output_close(&w->csv, NULL) == SB_OK ? 0
+                                                                   : complain(EXIT_USAGE, path, "cannot be written");
 }
 
 static int print_results(const work *w, double seconds)
@@ -792,7 +801,8 @@ static int print_results(const work *w, double seconds)
     if (w->truth)
         printf("truth_mm=%.3f ", 1e3 * w->wrong);
     printf("target_mm=%.3f continued=%s replayed=%s topology=%s seconds=%.1f\n", 1e3 * w->missed,
-           w->continued ? "same" : "differs", w->replayed ? "same" : "differs", w->restored ? "restored" : "changed", seconds);
+           w->continued ? "same" : "differs", w->replayed ? "same" : "differs", w->restored ? "restored" : "changed",
+           seconds);
     return w->continued && w->replayed && w->restored ? 0 : (int)EXIT_DIFFERS;
 }
 
@@ -813,9 +823,9 @@ static void release(work *w)
 
 static int run(const settings *set)
 {
-    static int (*const stages[])(work *) = {make_organ,     make_skin,   hold_organ, choose_way, get_scan,
-                                            begin_all,      register_organ, insert_half, insert_all, draw_out,
-                                            go_on_elsewhere, play_again, close_csv};
+    static int (*const stages[])(work *) = {make_organ,      make_skin,      hold_organ,  choose_way, get_scan,
+                                            begin_all,       register_organ, insert_half, insert_all, draw_out,
+                                            go_on_elsewhere, play_again,     close_csv};
     work w;
     int status = 0;
     double begin = seconds_now();
@@ -840,9 +850,11 @@ static int program(int argc, char **argv)
 {
     static settings s = {NULL, NULL, NULL, "one_body", 1, 5e3, 0.45, 10, 0.1, 0.2, 1, -60, 20, 14, 120, 0};
     const option options[] = {
-        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0, "organ of tet4; default one made here, like a liver"},
+        {"--mesh", "FILE", OPTION_TEXT, NULL, NULL, &s.mesh, 0, 0,
+         "organ of tet4; default one made here, like a liver"},
         {"--cells", "N", OPTION_INTEGER, &s.cells, NULL, NULL, 6, 60, "of the width of an organ made here"},
-        {"--skin", "FILE", OPTION_TEXT, NULL, NULL, &s.skin, 0, 0, "fine surface of the organ; default the mesh's, or made"},
+        {"--skin", "FILE", OPTION_TEXT, NULL, NULL, &s.skin, 0, 0,
+         "fine surface of the organ; default the mesh's, or made"},
         {"--scan", "FILE", OPTION_TEXT, NULL, NULL, &s.scan, 0, 0,
          "points that were seen, in the organ's frame; default made here"},
         {"--scale", "S", OPTION_NUMBER, NULL, &s.scale, NULL, 1e-9, 1e9, "of the files' lengths, to metres"},
@@ -864,7 +876,8 @@ static int program(int argc, char **argv)
         return EXIT_USAGE;
     if (s.help) {
         printf("usage: one_body [OPTIONS]\n\n"
-               "Registers an organ to a scan and takes a needle in and out of it: one body, saved on the way, recorded and\n"
+               "Registers an organ to a scan and takes a needle in and out of it: one body, saved on the way, recorded "
+               "and\n"
                "played again.\n\n");
         options_print(options, count);
         return 0;

@@ -26,15 +26,15 @@ enum { PHANTOM_REGIONS = 64, PHANTOM_MEMBRANES = 2 * PHANTOM_REGIONS };
 
 typedef struct phantom {
     sb_mesh mesh;
-    int region_count;                       /* highest number and 1 */
-    int prostate;                           /* its region, or -1: the mesh has only one */
-    int meets_prostate[PHANTOM_REGIONS];    /* 1: this region has a face with it, */
-    int meets_outside[PHANTOM_REGIONS];     /* or skin */
-    sb_vec3 low, high;                      /* box of all nodes (m) */
-    sb_vec3 target;                         /* middle of the prostate, or of all (m) */
+    int region_count;                    /* highest number and 1 */
+    int prostate;                        /* its region, or -1: the mesh has only one */
+    int meets_prostate[PHANTOM_REGIONS]; /* 1: this region has a face with it, */
+    int meets_outside[PHANTOM_REGIONS];  /* or skin */
+    sb_vec3 low, high;                   /* box of all nodes (m) */
+    sb_vec3 target;                      /* middle of the prostate, or of all (m) */
     sb_body *tissue;
     ndl_needle *needle;
-    sb_real free_length;                    /* m of the needle before the skin at the start */
+    sb_real free_length; /* m of the needle before the skin at the start */
 } phantom;
 
 /* ---- the mesh ---- */

@@ -103,7 +103,10 @@ static inline double plot_place(const plot_axis *a, double value)
 static inline double plot_stride(double range, int most)
 {
     double stride = pow(10, floor(log10(range / most)));
-    return range / stride <= most ? stride : range / stride <= 2 * most ? 2 * stride : range / stride <= 5 * most ? 5 * stride : 10 * stride;
+    return range / stride <= most       ? stride
+           : range / stride <= 2 * most ? 2 * stride
+           : range / stride <= 5 * most ? 5 * stride
+                                        : 10 * stride;
 }
 
 /* An axis over all numbers of a panel, from round number to round number. */

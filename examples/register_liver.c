@@ -2,9 +2,9 @@
  *
  *     register_liver MODEL TARGET [OPTIONS]      register_liver --help lists the options
  *
- * MODEL is a volume mesh, or a closed surface, which is then filled with tets; TARGET a surface or a point cloud, whole or
- * a part, in any pose. It is aligned rigidly first, from all directions, and then deformed. All numbers in files are in
- * metres (or --scale), nodes count from 0, # begins a comment:
+ * MODEL is a volume mesh, or a closed surface, which is then filled with tets; TARGET a surface or a point cloud, whole
+ * or a part, in any pose. It is aligned rigidly first, from all directions, and then deformed. All numbers in files are
+ * in metres (or --scale), nodes count from 0, # begins a comment:
  *     --landmarks FILE     x y z  X Y Z    a point of the model, and where it is seen; three or more, or with icp
  *                                          any, guide the rigid start, too
  *     --fix FILE           n               a node of the model that moves with the organ as a whole only,
@@ -13,12 +13,12 @@
  *     --targets FILE       x y z           points of the model to carry along; --targets-out: where they are then
  *     --displacement FILE  n ux uy uz      is written: of every node, rigid part included
  * The last line is iterations=N steps_per_second=S seconds=T distance_mm=D stop=REASON: of the deformation, but for T,
- * which is all from the files to the result, and D, the mean distance of the target's points from the registered surface.
- * Which way a target's surface faces has to be known: from --camera, or by its normals, which are tried both ways; a
- * cloud that has none, of a part of an organ, is refused without --camera.
- * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found, 4 one was written
- * that is not to be trusted: cut off by its time, or still far from the target. A small distance does not tell how far
- * off what was not seen is. */
+ * which is all from the files to the result, and D, the mean distance of the target's points from the registered
+ * surface. Which way a target's surface faces has to be known: from --camera, or by its normals, which are tried both
+ * ways; a cloud that has none, of a part of an organ, is refused without --camera.
+ * Exit status: 0, 2 wrong usage or a file that cannot be read or written, 3 no registration was found, 4 one was
+ * written that is not to be trusted: cut off by its time, or still far from the target. A small distance does not tell
+ * how far off what was not seen is. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -312,8 +312,9 @@ static int face_camera(work *w, const char *path)
             return complain(path, "a part of its triangles faces the camera, a part looks away: a camera sees no back");
         if (w->cloud.normals)
             fprintf(stderr, "register_liver: %s: its normals point both ways: made anew\n", path);
-        return reg_cloud_estimate_normals(&w->cloud, 12, &w->camera, NULL, &error) == SB_OK ? 0
-                                                                                          : complain_error(path, &error);
+        return reg_cloud_estimate_normals(&w->cloud, 12, &w->camera, NULL, &error) == SB_OK
+                   ? 0
+                   : complain_error(path, &error);
     }
     say_turned(path);
     target_turn(&w->target, &w->cloud);
@@ -327,8 +328,9 @@ static int face_target(work *w, const char *path)
     if (status || w->has_camera)
         return status ? status : face_camera(w, path);
     if (!w->has_target && !w->cloud.normals && w->set->partial)
-        return complain(path, "has no normals: which side of a part is outside? Say from where it was seen (--camera X,Y,Z), "
-                              "or give a file with normals or triangles");
+        return complain(path,
+                        "has no normals: which side of a part is outside? Say from where it was seen (--camera X,Y,Z), "
+                        "or give a file with normals or triangles");
     return 0;
 }
 
@@ -452,8 +454,10 @@ static int load_fixed(work *w)
 {
     rows table;
     unsigned char *held = (unsigned char *)calloc((size_t)w->model.node_count, 1);
-    int status = read_rows(w->set->fix, 1u << 1 | 1u << 3 | 1u << 4, "not a node `n`, a point `x y z` or a half space "
-                           "`a b c d`", &table);
+    int status = read_rows(w->set->fix, 1u << 1 | 1u << 3 | 1u << 4,
+                           "not a node `n`, a point `x y z` or a half space "
+                           "`a b c d`",
+                           &table);
     w->fixed = (int *)malloc((size_t)w->model.node_count * sizeof *w->fixed);
     if (!status && (!held || !w->fixed))
         status = complain_memory();
@@ -627,7 +631,8 @@ static const char *doubt(const work *w, double median)
         return "cut off by its time (--seconds)";
     if (strcmp(w->out.stop, "no_overlap") == 0 || strcmp(w->out.stop, "failed") == 0)
         return "the deformation ended early";
-    if (w->how != METHOD_ICP && median > far_off * (double)sb_v3_norm(sb_v3_sub(high, low)) + 2 * (double)w->out.smooth.noise)
+    if (w->how != METHOD_ICP &&
+        median > far_off * (double)sb_v3_norm(sb_v3_sub(high, low)) + 2 * (double)w->out.smooth.noise)
         return "half of the target is farther from the model than its noise explains";
     return NULL;
 }
@@ -695,14 +700,16 @@ static int check_settings(const settings *set, const char *const files[2])
 
 static int program(int argc, char **argv)
 {
-    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0, 0, 0, 0, 12, 300, 0, 1, 5000, 0.45, 60};
+    settings set = {"pbsm", NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0, 0,
+                    0,      0,    0,    12,   300,  0,    1,    5000, 0.45, 60};
     const char *files[2] = {NULL, NULL};
     const option options[] = {
         {"--method", "NAME", OPTION_TEXT, NULL, NULL, &set.method, 0, 0, "pbsm, pbsm-laplace, nicp, icp, cpd"},
         {"--linear", NULL, OPTION_FLAG, &set.linear, NULL, NULL, 0, 0, "a linear material instead of a corotated one"},
         {"--partial", NULL, OPTION_FLAG, &set.partial, NULL, NULL, 0, 0,
          "the target is a part of the surface; an open surface always is"},
-        {"--aligned", NULL, OPTION_FLAG, &set.aligned, NULL, NULL, 0, 0, "the target is in the model's frame: no rigid start"},
+        {"--aligned", NULL, OPTION_FLAG, &set.aligned, NULL, NULL, 0, 0,
+         "the target is in the model's frame: no rigid start"},
         {"--noisy", NULL, OPTION_FLAG, &set.noisy, NULL, NULL, 0, 0, "follow the target's shape less closely"},
         {"--plain", NULL, OPTION_FLAG, &set.plain, NULL, NULL, 0, 0,
          "pbsm only: without the loads that say more of motion along the surface; some seconds less"},
@@ -719,9 +726,11 @@ static int program(int argc, char **argv)
         {"--scale", "S", OPTION_NUMBER, NULL, &set.scale, NULL, 1e-9, 1e9, "unit of all files in m: 0.001 for mm"},
         {"--young", "PA", OPTION_NUMBER, NULL, &set.young, NULL, 1e-3, 1e12, "Young's modulus; hardly matters"},
         {"--poisson", "NU", OPTION_NUMBER, NULL, &set.poisson, NULL, 0, 0.499, "Poisson's ratio"},
-        {"--cells", "N", OPTION_INTEGER, &set.cells, NULL, NULL, 2, 200, "surfaces as model: cells along the longest side"},
+        {"--cells", "N", OPTION_INTEGER, &set.cells, NULL, NULL, 2, 200,
+         "surfaces as model: cells along the longest side"},
         {"--steps", "N", OPTION_INTEGER, &set.steps, NULL, NULL, 1, 1e6, "most iterations"},
-        {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9, "most time of the rigid start, and of what follows"},
+        {"--seconds", "T", OPTION_NUMBER, NULL, &set.seconds, NULL, 1e-6, 1e9,
+         "most time of the rigid start, and of what follows"},
         {"--help", NULL, OPTION_FLAG, &set.help, NULL, NULL, 0, 0, "this text"},
     };
     const int count = (int)(sizeof options / sizeof options[0]);

@@ -25,23 +25,23 @@ static inline method method_find(const char *name, size_t length)
 
 /* What a registration is given; everything is borrowed. Zero-initialise. */
 typedef struct task {
-    const sb_mesh *model;         /* volume mesh (m) */
-    const sb_mesh *surface;       /* the fine surface it was made from, or NULL: its own boundary is matched */
-    const sb_mesh *target;        /* triangles that were seen, or NULL, then: */
+    const sb_mesh *model;   /* volume mesh (m) */
+    const sb_mesh *surface; /* the fine surface it was made from, or NULL: its own boundary is matched */
+    const sb_mesh *target;  /* triangles that were seen, or NULL, then: */
     const reg_cloud *cloud;
-    int partial;                  /* 1: the target is a part of the surface */
-    int aligned;                  /* 1: it is in the model's frame already */
-    int linear;                   /* 1: a linear material */
+    int partial; /* 1: the target is a part of the surface */
+    int aligned; /* 1: it is in the model's frame already */
+    int linear;  /* 1: a linear material */
     int noisy;
-    int facing;                   /* 1: which way the target's normals face is not sure: both are tried */
-    int loads; /* after shape matching: the loads on little of the surface that give that shape */
-    const int *fixed;             /* [fixed_count] nodes that do not move, but with the whole organ */
+    int facing;       /* 1: which way the target's normals face is not sure: both are tried */
+    int loads;        /* after shape matching: the loads on little of the surface that give that shape */
+    const int *fixed; /* [fixed_count] nodes that do not move, but with the whole organ */
     int fixed_count;
     const sb_vec3 *landmarks, *landmark_targets; /* [landmark_count] m */
     int landmark_count;
-    double young, poisson;        /* Pa */
-    int steps;                    /* most of them */
-    double max_seconds;           /* of the rigid start, and of what follows it */
+    double young, poisson;                             /* Pa */
+    int steps;                                         /* most of them */
+    double max_seconds;                                /* of the rigid start, and of what follows it */
     void (*progress)(double share, const char *words); /* or NULL */
 } task;
 
@@ -55,9 +55,9 @@ typedef struct outcome {
     sb_mesh target;       /* smoothed; or */
     reg_cloud cloud;
     reg_smooth_info smooth; /* what it was like */
-    int is_turned;        /* 1: its normals pointed inwards, and were turned */
-    int is_placed;        /* 1: the fixed region was seen, and put in its place */
-    sb_body *body;        /* of pbsm and nicp */
+    int is_turned;          /* 1: its normals pointed inwards, and were turned */
+    int is_placed;          /* 1: the fixed region was seen, and put in its place */
+    sb_body *body;          /* of pbsm and nicp */
     reg_cpd *cpd;
     int iterations;
     double seconds_start, seconds_setup, seconds_run; /* rigid start, what comes before iterations, iterations */
@@ -144,8 +144,8 @@ static inline double task_gap(const task_shape *shape, const reg_kdtree *tree, c
         }
         nearest = reg_kdtree_nearest(tree, at, SB_REAL_MAX, &squared);
         if (nearest >= 0 && shape->shape.normals && sb_v3_norm(shape->shape.normals[nearest]) > 0)
-            sum += (double)sb_abs(sb_v3_dot(shape->shape.normals[nearest],
-                                            sb_v3_sub(at, shape->shape.points[nearest])));
+            sum +=
+                (double)sb_abs(sb_v3_dot(shape->shape.normals[nearest], sb_v3_sub(at, shape->shape.points[nearest])));
         else
             sum += sqrt((double)squared);
     }
@@ -228,8 +228,8 @@ static inline sb_result task_use_fixed(const task *given, const task_shape *targ
     return result;
 }
 
-static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target,
-                                   outcome *out, sb_error *error)
+static inline sb_result task_align(const task *given, const task_shape *model, const task_shape *target, outcome *out,
+                                   sb_error *error)
 {
     reg_icp_options options = reg_default_icp_options();
     reg_icp_landmark *pairs = (reg_icp_landmark *)malloc((size_t)(given->landmark_count + 1) * sizeof *pairs);
@@ -293,14 +293,16 @@ static inline double task_facing_gap(const task_shape *model, const task_shape *
     for (int i = 0; i < target->shape.count; i += stride, count++) {
         sb_vec3 normal = sb_m3_apply(back.rotation, target->shape.normals[i]);
         sb_surface_hit hit;
-        int near_enough = sb_surface_closest(model->tree, reg_rigid_apply(&back, target->shape.points[i]),
-                                             (sb_real)most, &hit);
-        sum += near_enough && sb_v3_dot(sb_surface_normal(model->tree, &hit), normal) >= 0 ? (double)hit.distance : most;
+        int near_enough =
+            sb_surface_closest(model->tree, reg_rigid_apply(&back, target->shape.points[i]), (sb_real)most, &hit);
+        sum +=
+            near_enough && sb_v3_dot(sb_surface_normal(model->tree, &hit), normal) >= 0 ? (double)hit.distance : most;
     }
     return sum / count;
 }
 
-/* The rigid start, unless the task is aligned. *gap (where the target has normals) says how well the model fits then. */
+/* The rigid start, unless the task is aligned. *gap (where the target has normals) says how well the model fits
+ * then. */
 static inline sb_result task_align_once(const task *given, const task_shape *model, outcome *out, double *gap,
                                         sb_error *error)
 {
@@ -337,7 +339,8 @@ static inline sb_result task_align_facing(const task *given, const task_shape *m
     *out = as_it_is;
     if (clearly * gap < turned)
         return SB_OK;
-    return task_fail(error, SB_ERROR_NOT_CONVERGED, "the target fits the model as well with its normals turned: say from where "
+    return task_fail(error, SB_ERROR_NOT_CONVERGED,
+                     "the target fits the model as well with its normals turned: say from where "
                      "it was seen (--camera)");
 }
 
@@ -357,8 +360,8 @@ static inline sb_result skin_corners(const sb_mesh *boundary, sb_mesh *corners, 
             sb_vec3 a = boundary->nodes[n[c]], b = boundary->nodes[n[(c + 1) % 3]];
             sb_vec3 middle = sb_v3_scale((sb_real)0.5, sb_v3_add(a, b));
             corners->elements[3 * (size_t)e + (size_t)c] = n[c];
-            if (stride == 6 && sb_v3_norm(sb_v3_sub(boundary->nodes[n[3 + c]], middle)) >
-                                   (sb_real)1e-4 * sb_v3_norm(sb_v3_sub(b, a)))
+            if (stride == 6 &&
+                sb_v3_norm(sb_v3_sub(boundary->nodes[n[3 + c]], middle)) > (sb_real)1e-4 * sb_v3_norm(sb_v3_sub(b, a)))
                 straight = 0;
         }
     }
@@ -422,8 +425,8 @@ static inline void skin_cut(const sb_mesh *corners, const sb_vec3 *normals, int 
         p[k] = corners->nodes[c[k]], n[k] = normals[c[k]];
     for (int i = 0; i <= cuts; i++)
         for (int j = 0; j <= cuts - i; j++)
-            skin->nodes[skin->node_count++] = skin_point(p, n, (double)(cuts - i - j) / cuts, (double)j / cuts,
-                                                         (double)i / cuts);
+            skin->nodes[skin->node_count++] =
+                skin_point(p, n, (double)(cuts - i - j) / cuts, (double)j / cuts, (double)i / cuts);
     for (int i = 0; i < cuts; row += cuts + 1 - i, i++)
         for (int j = 0; j < cuts - i; j++) {
             int below = row + j, above = row + cuts + 1 - i + j;
@@ -457,7 +460,8 @@ static inline sb_result task_make_skin(const sb_mesh *boundary, sb_mesh *skin, s
         cuts++;
     memset(skin, 0, sizeof *skin);
     skin->element_type = SB_TRI3;
-    skin->nodes = (sb_vec3 *)malloc((size_t)(corners.element_count * (cuts + 1) * (cuts + 2) / 2) * sizeof *skin->nodes);
+    skin->nodes =
+        (sb_vec3 *)malloc((size_t)(corners.element_count * (cuts + 1) * (cuts + 2) / 2) * sizeof *skin->nodes);
     skin->elements = (int *)malloc((size_t)(corners.element_count * cuts * cuts) * 3 * sizeof *skin->elements);
     normals = (sb_vec3 *)malloc((size_t)corners.node_count * sizeof *normals);
     if (!skin->nodes || !skin->elements || !normals)
@@ -523,8 +527,8 @@ static inline sb_result task_make_body(const task *given, outcome *out, sb_error
     sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
     sb_result result;
     def.mesh = &out->placed;
-    def.material = given->linear ? sb_material_linear(young, poisson, 1060)
-                                 : sb_material_corotated(young, poisson, 1060);
+    def.material =
+        given->linear ? sb_material_linear(young, poisson, 1060) : sb_material_corotated(young, poisson, 1060);
     result = sb_body_create(&def, &out->body, error);
     if (result == SB_OK && given->fixed_count > 0 &&
         sb_body_fix_nodes(out->body, given->fixed, given->fixed_count, SB_XYZ) != SB_OK)
@@ -590,8 +594,8 @@ static inline sb_result task_run_match(const task *given, reg_match *match, outc
 static inline sb_result task_soften(const task *given, sb_body *body, int hyperelastic)
 {
     sb_real young = (sb_real)given->young, poisson = (sb_real)given->poisson;
-    sb_material tissue = hyperelastic ? sb_material_neo_hookean(young, poisson, 1060)
-                                      : sb_material_corotated(young, poisson, 1060);
+    sb_material tissue =
+        hyperelastic ? sb_material_neo_hookean(young, poisson, 1060) : sb_material_corotated(young, poisson, 1060);
     return sb_body_set_material(body, &tissue, NULL);
 }
 
@@ -675,7 +679,8 @@ static inline sb_result task_match_up_to(const task *given, const reg_match_def 
 }
 
 /* Loads begin with a shape that is not pressed on: a firm charge leaves elements that they cannot bear, and landmarks'
- * springs dents. Where there are none the firm charge follows; with landmarks, which lead the way, from the beginning. */
+ * springs dents. Where there are none the firm charge follows; with landmarks, which lead the way, from the
+ * beginning. */
 static inline sb_result task_match(const task *given, outcome *out, sb_error *error)
 {
     sb_vec3 *landmarks = task_landmarks(given, out);
@@ -767,8 +772,8 @@ static inline sb_result task_nicp(const task *given, outcome *out, sb_error *err
 
 enum { TASK_CPD_POINTS = 2000 }; /* of either side: its cost grows with their product */
 
-/* `most` points or all, evenly spread: points[most]; their number, or -1 without memory. Of clouds much larger than that
- * every so many points is looked at. */
+/* `most` points or all, evenly spread: points[most]; their number, or -1 without memory. Of clouds much larger than
+ * that every so many points is looked at. */
 static inline int task_spread(const sb_vec3 *from, int count, int most, sb_vec3 *points)
 {
     int stride = 1 + count / (20 * most), few = (count - 1) / stride + 1, kept = -1;
@@ -864,9 +869,8 @@ static inline sb_result task_cpd(const task *given, outcome *out, sb_error *erro
         targets = given->target ? task_spread(given->target->nodes, given->target->node_count, TASK_CPD_POINTS, target)
                                 : task_spread(given->cloud->points, given->cloud->count, TASK_CPD_POINTS, target);
     }
-    result = sources < 0 || targets < 0
-                 ? task_fail(error, SB_ERROR_MEMORY, "not enough memory")
-                 : task_fit_cpd(given, out, source, sources, target, targets, numbers, error);
+    result = sources < 0 || targets < 0 ? task_fail(error, SB_ERROR_MEMORY, "not enough memory")
+                                        : task_fit_cpd(given, out, source, sources, target, targets, numbers, error);
     free(source);
     free(target);
     free(numbers);
@@ -961,8 +965,8 @@ static inline sb_result outcome_surface(const outcome *out, sb_mesh *surface, sb
 {
     reg_rigid back = reg_rigid_inverse(&out->start);
     sb_vec3 *rest = (sb_vec3 *)malloc((size_t)out->seen.node_count * sizeof *rest);
-    sb_result result = rest ? sb_mesh_copy(&out->seen, NULL, surface, error)
-                            : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
+    sb_result result =
+        rest ? sb_mesh_copy(&out->seen, NULL, surface, error) : task_fail(error, SB_ERROR_MEMORY, "not enough memory");
     for (int i = 0; result == SB_OK && i < out->seen.node_count; i++)
         rest[i] = reg_rigid_apply(&back, out->seen.nodes[i]);
     if (result == SB_OK) {

@@ -2,11 +2,11 @@
  *
  *     surface_to_sim SURFACE [INNER...] [OPTIONS]      surface_to_sim --help lists the options
  *
- * SURFACE may also be a label image, a segmentation: its labels together are the body, each but the first an inner part.
- * Fills a surface with tets (isosurface stuffing) or lays it into a grid of bricks (immersed boundary), holds one end,
- * lets gravity act, and writes the surfaces as the body carries them along. INNER surfaces lie inside: regions of their
- * own, three times as stiff. The last line tells what the volume mesh is like. Exit status: 0, 2 wrong usage, a file that
- * cannot be read or written, or a surface that encloses nothing, 3 no memory or a step failed. */
+ * SURFACE may also be a label image, a segmentation: its labels together are the body, each but the first an inner
+ * part. Fills a surface with tets (isosurface stuffing) or lays it into a grid of bricks (immersed boundary), holds one
+ * end, lets gravity act, and writes the surfaces as the body carries them along. INNER surfaces lie inside: regions of
+ * their own, three times as stiff. The last line tells what the volume mesh is like. Exit status: 0, 2 wrong usage, a
+ * file that cannot be read or written, or a surface that encloses nothing, 3 no memory or a step failed. */
 #include "system.h"
 
 #if defined(_OPENMP)
@@ -20,8 +20,12 @@
 enum { EXIT_USAGE = 2, EXIT_SOLVE = 3, MAX_SURFACES = 16 };
 #define REAL(x) ((sb_real)(x)) /* everything here computes in double, the body in sb_real */
 
-typedef enum method { STUFF = 0, SPARSE = SB_GRID_SPARSE, FINITE_CELL = SB_GRID_FINITE_CELL,
-                      WEIGHTED_CELL = SB_GRID_WEIGHTED_CELL } method;
+typedef enum method {
+    STUFF = 0,
+    SPARSE = SB_GRID_SPARSE,
+    FINITE_CELL = SB_GRID_FINITE_CELL,
+    WEIGHTED_CELL = SB_GRID_WEIGHTED_CELL
+} method;
 
 typedef struct settings {
     const char *surfaces[MAX_SURFACES]; /* the outer one first */
@@ -35,19 +39,19 @@ typedef struct settings {
 /* What lasts from the files to the pictures. Zeros: nothing yet. */
 typedef struct work {
     settings *set;
-    sb_image image;              /* when the first surface is one: all its labels are surface 0, label i is surface i */
+    sb_image image; /* when the first surface is one: all its labels are surface 0, label i is surface i */
     int labels[MAX_SURFACES], label_count;
     char names[MAX_SURFACES][32];
     method how;
     sb_mesh surfaces[MAX_SURFACES];
     sb_surface *trees[MAX_SURFACES];
-    sb_mesh skin;                /* all surfaces, a region each */
-    sb_mesh tets;                /* of the stuffing */
+    sb_mesh skin; /* all surfaces, a region each */
+    sb_mesh tets; /* of the stuffing */
     sb_grid grid;
-    const sb_mesh *volume;       /* what is simulated: the tets or the grid's cells */
+    const sb_mesh *volume; /* what is simulated: the tets or the grid's cells */
     sb_real min_dihedral, max_dihedral, distance;
     double volume_share[MAX_SURFACES], surface_share[MAX_SURFACES]; /* of the stuffing, -1: unknown */
-    double seconds;              /* that the volume took */
+    double seconds;                                                 /* that the volume took */
     sb_body *body;
     sb_embedding *embedding;
 } work;
@@ -110,8 +114,9 @@ static int repair_surface(const char *path, sb_mesh *mesh)
         return complain_about(path, &error);
     removed = done.removed_degenerate + done.removed_duplicates;
     if (done.merged_nodes || removed || done.flipped_edges || done.turned_faces || done.filled_holes)
-        fprintf(stderr, "surface_to_sim: %s: warning: repaired: %d nodes merged, %d faces removed, %d edges flipped, "
-                        "%d faces turned, %d holes filled\n",
+        fprintf(stderr,
+                "surface_to_sim: %s: warning: repaired: %d nodes merged, %d faces removed, %d edges flipped, "
+                "%d faces turned, %d holes filled\n",
                 path, done.merged_nodes, removed, done.flipped_edges, done.turned_faces, done.filled_holes);
     return 0;
 }
@@ -125,8 +130,8 @@ static int count_of(const sb_surface_report *report, int finding)
     return report->place[i].count;
 }
 
-/* What is wrong with a surface ends the program. After a repair what is left is a warning, and so are small folds (up to
- * 1 % of the triangles cross): the inside is then where the winding number says so. */
+/* What is wrong with a surface ends the program. After a repair what is left is a warning, and so are small folds (up
+ * to 1 % of the triangles cross): the inside is then where the winding number says so. */
 static int check_surface(const settings *set, const char *path, sb_mesh *mesh)
 {
     sb_surface_report report;
@@ -327,8 +332,9 @@ static void warn_outside(const work *w)
         for (int k = 0; k < inner->node_count; k++)
             outside += (double)sb_surface_signed_distance_winding(w->trees[0], inner->nodes[k], NULL) > rim;
         if (outside > 0)
-            fprintf(stderr, "surface_to_sim: %s: warning: %d of its %d vertices lie outside %s, which is to enclose "
-                            "it\n",
+            fprintf(stderr,
+                    "surface_to_sim: %s: warning: %d of its %d vertices lie outside %s, which is to enclose "
+                    "it\n",
                     w->set->surfaces[i], outside, inner->node_count, w->set->surfaces[0]);
     }
 }
@@ -470,7 +476,8 @@ static int check_regions(const work *w, const sb_mesh *mesh)
         while (e < mesh->element_count && (!mesh->regions || mesh->regions[e] != i))
             e++;
         if (e == mesh->element_count) {
-            fprintf(stderr, "surface_to_sim: %s: encloses no part of the body: it lies outside, or is smaller than a cell\n",
+            fprintf(stderr,
+                    "surface_to_sim: %s: encloses no part of the body: it lies outside, or is smaller than a cell\n",
                     w->set->surfaces[i]);
             return EXIT_USAGE;
         }
@@ -614,8 +621,10 @@ static void warn_inverted(const work *w)
         inverted += (double)sb_v3_dot(sb_v3_cross(a, b), sb_v3_sub(x[c[3]], x[c[0]])) <= 0;
     }
     if (inverted > 0)
-        fprintf(stderr, "surface_to_sim: warning: %d tets are turned inside out at the end: the body is too soft or too "
-                        "heavy for how it is held (--young, --density, --hold)\n", inverted);
+        fprintf(stderr,
+                "surface_to_sim: warning: %d tets are turned inside out at the end: the body is too soft or too "
+                "heavy for how it is held (--young, --density, --hold)\n",
+                inverted);
 }
 
 static void print_summary(const work *w)
@@ -735,12 +744,16 @@ static int program(int argc, char **argv)
         return EXIT_USAGE;
     if (s.help) {
         printf("usage: surface_to_sim SURFACE [INNER...] [OPTIONS]\n\n"
-               "Fills a closed surface (OBJ, STL, PLY, OFF or VTK, in metres) with tets or lays it into a grid, holds one\n"
-               "end, lets gravity act, and writes the surface as the body carries it along. INNER surfaces lie inside the\n"
-               "first one and are stiffer parts of the body. A label image (VTK, VTI, MetaImage, NRRD) in place of SURFACE is a\n"
+               "Fills a closed surface (OBJ, STL, PLY, OFF or VTK, in metres) with tets or lays it into a grid, holds "
+               "one\n"
+               "end, lets gravity act, and writes the surface as the body carries it along. INNER surfaces lie inside "
+               "the\n"
+               "first one and are stiffer parts of the body. A label image (VTK, VTI, MetaImage, NRRD) in place of "
+               "SURFACE is a\n"
                "body of all its labels; each but the first is a stiffer part.\n\n");
         options_print(options, count);
-        printf("\nThe last line is about the volume mesh: elements, dihedral angles (degrees), the largest distance (m) of\n"
+        printf("\nThe last line is about the volume mesh: elements, dihedral angles (degrees), the largest distance "
+               "(m) of\n"
                "its boundary from SURFACE (grids: of SURFACE from the cells), and the seconds it took to make.\n");
         return 0;
     }

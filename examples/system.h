@@ -82,8 +82,8 @@ static inline void progress_end(void)
         fprintf(stderr, "\r%80s\r", "");
 }
 
-/* The exit status of a program that is done, by `status` so far: `failed` when what it printed did not all arrive, on a full
- * disk behind stdout say. */
+/* The exit status of a program that is done, by `status` so far: `failed` when what it printed did not all arrive, on a
+ * full disk behind stdout say. */
 static inline int finish(const char *program, int status, int failed)
 {
     int bad = fflush(stdout) != 0;

@@ -119,8 +119,8 @@ static int run(const settings *s, const model *m, int relaxation, int count, dou
             result = sb_body_step(body, (sb_real)dt, &info);
         if (result != SB_OK)
             status = complain(m->name, &info.error);
-        values[i] = relaxation ? held_stress(body, top, top_count)
-                               : 1 + (double)sb_body_displacements(body)[top[0]].z / edge;
+        values[i] =
+            relaxation ? held_stress(body, top, top_count) : 1 + (double)sb_body_displacements(body)[top[0]].z / edge;
     }
     sb_body_destroy(body);
     sb_mesh_free(&mesh);

@@ -16,10 +16,11 @@
  *     section declarations GUARD              ... inside #ifndef GUARD
  *     section implementation SWITCH           ... inside #ifdef SWITCH, once
  *     section bottom          the parts that follow stand after the guards
- *     internal MACRO          lines of declarations between #if defined(SWITCH) || defined(MACRO) and its #endif are for
- *                             the library alone: they go to the head of the implementation, so that declarations which
- *                             came in before SWITCH was defined lack nothing
- *     folder NAME [LOWER...]  parts in the subfolder NAME may include parts of NAME and of the folders LOWER, which stand
+ *     internal MACRO          lines of declarations between #if defined(SWITCH) || defined(MACRO) and its #endif are
+ *                             for the library alone: they go to the head of the implementation, so that declarations
+ *                             which came in before SWITCH was defined lack nothing
+ *     folder NAME [LOWER...]  parts in the subfolder NAME may include parts of NAME and of the folders LOWER, which
+ *     stand
  *                             above this line; parts beside the manifest may be included by all
  *     FILE                    a part, relative to the manifest's folder
  *     FILE unless MACRO...    a part that a user leaves out by defining one of these macros: it stands inside
@@ -27,9 +28,9 @@
  *
  * Every part is copied as it is, with LF line ends and without its #include "..." lines; each of those must name
  * a part that stands higher up, in a folder that its own may include: so no room calls a higher floor. Of the required
- * header all rooms may be included but NAME_private.h, which hold what is inside its objects. FILE... are the files found in
- * the folder (the Makefile lists them, C99 cannot): one that no manifest line names is an error, so that no room is
- * forgotten. On any error the tool says what is wrong on stderr, returns 1 and leaves the output as it was. */
+ * header all rooms may be included but NAME_private.h, which hold what is inside its objects. FILE... are the files
+ * found in the folder (the Makefile lists them, C99 cannot): one that no manifest line names is an error, so that no
+ * room is forgotten. On any error the tool says what is wrong on stderr, returns 1 and leaves the output as it was. */
 #include <ctype.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -70,7 +71,7 @@ typedef struct manifest {
     char names_file[MAX_NAME], names_real[MAX_NAME], names_api[MAX_NAME];
     char required[MAX_NAME];
     char licence[MAX_NAME];
-    char guard[MAX_NAME];  /* macro of the declarations */
+    char guard[MAX_NAME];       /* macro of the declarations */
     char user_switch[MAX_NAME]; /* macro that asks for the implementation */
     char internal[MAX_NAME];    /* macro that opens what is internal to sources built one by one */
     subfolder folders[MAX_FOLDERS];
@@ -394,11 +395,12 @@ static text make_names(const manifest *m)
     char prefix[MAX_NAME];
     const char *p = prefix, *real = m->names_real;
     snprintf(prefix, sizeof prefix, "%.*sI_NAMES", (int)strcspn(m->names_api, "_"), m->names_api);
-    add_lines(&names,
-              "/* names: the exported names of a float build end in _f32, so that a float caller and a double object do\n"
-              " * not link. Written by src/amalgamate.c from the declarations: do not edit. */\n"
-              "#ifndef %s_H\n#define %s_H\n\n#if defined(%s)\n",
-              p, p, real);
+    add_lines(
+        &names,
+        "/* names: the exported names of a float build end in _f32, so that a float caller and a double object do\n"
+        " * not link. Written by src/amalgamate.c from the declarations: do not edit. */\n"
+        "#ifndef %s_H\n#define %s_H\n\n#if defined(%s)\n",
+        p, p, real);
     add_lines(&names,
               "#define %s_PASTE_(a, b) a##b\n#define %s_PASTE(a, b) %s_PASTE_(a, b)\n"
               "#define %s_OF_double 0\n#define %s_OF_float 1\n#if %s_PASTE(%s_OF_, %s)\n",
@@ -475,11 +477,12 @@ static void check_include(const manifest *m, int part_index, const char *name, s
     if (found >= part_index)
         fail("%s:%d: includes %.*s, which stands lower in %s", p->path, line, (int)length, name, m->path);
     if (p->folder >= 0 && m->parts[found].folder >= 0 && !m->folders[p->folder].may_include[m->parts[found].folder])
-        fail("%s:%d: includes %.*s, but %s may not call %s", p->path, line, (int)length, name, m->folders[p->folder].name,
-             m->folders[m->parts[found].folder].name);
+        fail("%s:%d: includes %.*s, but %s may not call %s", p->path, line, (int)length, name,
+             m->folders[p->folder].name, m->folders[m->parts[found].folder].name);
     for (int i = 0; i < MAX_SWITCHES && *m->parts[found].switches[i]; i++)
         if (!has_switch(p, m->parts[found].switches[i]))
-            fail("%s:%d: includes %.*s, which %s leaves out", p->path, line, (int)length, name, m->parts[found].switches[i]);
+            fail("%s:%d: includes %.*s, which %s leaves out", p->path, line, (int)length, name,
+                 m->parts[found].switches[i]);
 }
 
 /* The name inside #include "name", or NULL when the line is no such line. */

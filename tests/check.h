@@ -27,14 +27,14 @@ typedef struct check_state {
 extern check_state check;
 
 /* Declares the suite NAME with its tests: CHECK_SUITE(dense, {"inverse times matrix", test_inverse}, ...) */
-#define CHECK_SUITE(name, ...)                                                                                  \
-    static const check_case check_cases_##name[] = {__VA_ARGS__, {NULL, NULL}};                                 \
-    extern const check_suite check_suite_##name;                                                                \
+#define CHECK_SUITE(name, ...)                                                                                         \
+    static const check_case check_cases_##name[] = {__VA_ARGS__, {NULL, NULL}};                                        \
+    extern const check_suite check_suite_##name;                                                                       \
     const check_suite check_suite_##name = {#name, check_cases_##name}
 
 #define CHECK(condition) check_that((condition) != 0, #condition, __FILE__, __LINE__)
 /* |actual - expected| <= tolerance; false for NaN. */
-#define CHECK_NEAR(actual, expected, tolerance)                                                                 \
+#define CHECK_NEAR(actual, expected, tolerance)                                                                        \
     check_near((double)(actual), (double)(expected), (double)(tolerance), #actual, __FILE__, __LINE__)
 #define CHECK_INT(actual, expected) check_int((long long)(actual), (long long)(expected), #actual, __FILE__, __LINE__)
 /* Checks a call that returns sb_result. */
@@ -46,8 +46,9 @@ extern check_state check;
 /* Whether long loops should be cut short: with CHECK_QUICK in the environment, for slow builds. */
 static inline int check_quick(void) { return getenv("CHECK_QUICK") != NULL; }
 
-/* From here on the test hands over what is not finite, or makes a call fail by numbers beyond all range: under CHECK_TRAPS
- * (main.c) exceptions are masked for the rest of it. What such input raises on its way to its error is not promised. */
+/* From here on the test hands over what is not finite, or makes a call fail by numbers beyond all range: under
+ * CHECK_TRAPS (main.c) exceptions are masked for the rest of it. What such input raises on its way to its error is not
+ * promised. */
 void check_bad_numbers(void);
 
 static inline int check_that(int ok, const char *text, const char *file, int line)

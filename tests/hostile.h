@@ -14,14 +14,14 @@ enum { HOSTILE_ARGUMENTS = 12 };
 
 /* What an argument or a field is, which says by what it is replaced. */
 typedef enum hostile_kind {
-    HOSTILE_REALS,  /* one sb_real or some: vectors, matrices */
+    HOSTILE_REALS, /* one sb_real or some: vectors, matrices */
     HOSTILE_DOUBLE,
     HOSTILE_INT,
-    HOSTILE_COUNT,  /* of the caller's arrays: INT_MAX only without them, for a caller may not lie about memory */
+    HOSTILE_COUNT, /* of the caller's arrays: INT_MAX only without them, for a caller may not lie about memory */
     HOSTILE_ENUM,
     HOSTILE_SIZE,
     HOSTILE_POINTER,
-    HOSTILE_OTHER   /* nothing */
+    HOSTILE_OTHER /* nothing */
 } hostile_kind;
 
 typedef struct hostile_field {
@@ -29,18 +29,21 @@ typedef struct hostile_field {
     size_t offset, size;
     hostile_kind kind;
 } hostile_field;
-#define HOSTILE_FIELD(type, path, kind) {#path, offsetof(type, path), sizeof ((type *)0)->path, kind}
+#define HOSTILE_FIELD(type, path, kind)                                                                                \
+    {                                                                                                                  \
+#path, offsetof(type, path), sizeof((type *)0)->path, kind                                                     \
+    }
 
 /* One argument of the call under way. */
 typedef struct hostile_argument {
     const char *name;
-    int values;        /* number of replacements */
+    int values; /* number of replacements */
     hostile_kind kind;
-    void *memory;      /* what the function was given, and what that held before */
+    void *memory; /* what the function was given, and what that held before */
     void *before;
     size_t bytes;
-    int is_object;     /* 1: a thing of the world's, to be given back as it was; 0: memory is ours */
-    int may_change;    /* also by calls that fail */
+    int is_object;  /* 1: a thing of the world's, to be given back as it was; 0: memory is ours */
+    int may_change; /* also by calls that fail */
 } hostile_argument;
 
 typedef struct hostile {
@@ -48,11 +51,11 @@ typedef struct hostile {
     const char *function;
     const char *const *trusted; /* what the documentation asks the caller to see to */
     int returns_result;
-    int slot, value;   /* the argument that is replaced, and by which; slot -1: none */
-    int dry;           /* 1: arguments are made, but nothing is called */
-    char what[96];     /* the replacement in words */
-    int must_fail;     /* it is an error, whatever the function does with it */
-    int called, made;  /* the call came back; with SB_OK */
+    int slot, value;  /* the argument that is replaced, and by which; slot -1: none */
+    int dry;          /* 1: arguments are made, but nothing is called */
+    char what[96];    /* the replacement in words */
+    int must_fail;    /* it is an error, whatever the function does with it */
+    int called, made; /* the call came back; with SB_OK */
     sb_result result;
     sb_error error;
     int error_slot;
@@ -66,7 +69,7 @@ typedef struct hostile_call {
     const char *name;
     void (*call)(hostile *h);
     int returns_result;
-    int changes;       /* 0: all that it is given is const */
+    int changes; /* 0: all that it is given is const */
 } hostile_call;
 
 static void hostile_complain(hostile *h, const char *text)
@@ -86,8 +89,8 @@ static int hostile_value_count(hostile_kind kind)
 static double hostile_real(int value, int is_float)
 {
     double none = 0, inf = HUGE_VAL;
-    const double reals[7] = {inf - inf, inf, -inf, is_float ? (double)FLT_MAX : DBL_MAX,
-                             is_float ? (double)FLT_MIN : DBL_MIN, none, -1};
+    const double reals[7] = {
+        inf - inf, inf, -inf, is_float ? (double)FLT_MAX : DBL_MAX, is_float ? (double)FLT_MIN : DBL_MIN, none, -1};
     return reals[value];
 }
 
@@ -245,7 +248,9 @@ static void hostile_put_mesh(hostile *h, const char *name, sb_mesh *mesh, int va
 {
     world_spoil_mesh(&h->things, mesh, value);
     snprintf(h->what, sizeof h->what, "%s: %s", name,
-             value == 0 ? "element 0 has node -1" : value == 1 ? "last element has node 2^31-1" : "node 0 is NaN");
+             value == 0   ? "element 0 has node -1"
+             : value == 1 ? "last element has node 2^31-1"
+                          : "node 0 is NaN");
     h->must_fail = 1;
 }
 

@@ -18,13 +18,13 @@ typedef struct world {
     sb_mesh spoilt;               /* arrays of a mesh that is to have bad content */
     sb_element_table table;
     sb_material material;
-    sb_body *body;                /* with every kind of load and a constraint */
-    sb_body *live, *idle;         /* whose meshes may change: one is being changed, one is not */
-    sb_body_change *change;       /* of live */
+    sb_body *body;          /* with every kind of load and a constraint */
+    sb_body *live, *idle;   /* whose meshes may change: one is being changed, one is not */
+    sb_body_change *change; /* of live */
     sb_change_cell change_cell;
     int pressure, springs, mapping, constraint;
-    sb_body *plain;               /* for registration: without */
-    sb_recording *recording;      /* of plain */
+    sb_body *plain;          /* for registration: without */
+    sb_recording *recording; /* of plain */
     sb_domain domain;
     sb_matrix matrix;
     sb_direct *direct;
@@ -34,7 +34,7 @@ typedef struct world {
     sb_surface *shape;
     sb_grid grid;
     sb_grid_rows rows;
-    sb_body *pierced, *remeshed;  /* of the needle, and of the remesher */
+    sb_body *pierced, *remeshed; /* of the needle, and of the remesher */
     ndl_needle *needle;
     ndl_remesh *remesh;
     ndl_rod *rod;
@@ -167,7 +167,8 @@ static void world_begin(world *w)
 static sb_mesh *world_mesh(world *w)
 {
     if (!w->mesh.nodes)
-        CHECK_OK(sb_mesh_beam(SB_TET4, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->mesh, NULL));
+        CHECK_OK(
+            sb_mesh_beam(SB_TET4, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->mesh, NULL));
     if (w->mesh.nodes && !w->mesh.regions)
         w->mesh.regions = (int *)calloc((size_t)w->mesh.element_count, sizeof(int));
     return &w->mesh;
@@ -176,7 +177,8 @@ static sb_mesh *world_mesh(world *w)
 static sb_mesh *world_hexes(world *w)
 {
     if (!w->hexes.nodes)
-        CHECK_OK(sb_mesh_beam(SB_HEX8, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->hexes, NULL));
+        CHECK_OK(
+            sb_mesh_beam(SB_HEX8, 2, 2, 2, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), &w->allocator, &w->hexes, NULL));
     return &w->hexes;
 }
 
@@ -530,11 +532,11 @@ static sb_real *world_decay(world *w, int count)
     return w->reals;
 }
 
-#define WORLD_DEFAULT(type, field, make) \
-    static type *world_##field(world *w) \
-    { \
-        w->field = make; \
-        return &w->field; \
+#define WORLD_DEFAULT(type, field, make)                                                                               \
+    static type *world_##field(world *w)                                                                               \
+    {                                                                                                                  \
+        w->field = make;                                                                                               \
+        return &w->field;                                                                                              \
     }
 WORLD_DEFAULT(sb_load_options, load_options, sb_default_load_options())
 WORLD_DEFAULT(sb_fit_options, fit_options, sb_default_fit_options())
@@ -626,17 +628,18 @@ static void *world_room(world *w, size_t bytes)
 static const char *world_text(world *w)
 {
     (void)w;
-    return "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 1\n"
+    return "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 "
+           "1\n"
            "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
 }
 
 /* Saved states of the world's things, in w->image. */
-#define WORLD_IMAGE_OF(name, size, save) \
-    static void *world_##name##_image(world *w) \
-    { \
-        world_room(w, size); \
-        CHECK_OK(save); \
-        return w->image; \
+#define WORLD_IMAGE_OF(name, size, save)                                                                               \
+    static void *world_##name##_image(world *w)                                                                        \
+    {                                                                                                                  \
+        world_room(w, size);                                                                                           \
+        CHECK_OK(save);                                                                                                \
+        return w->image;                                                                                               \
     }
 WORLD_IMAGE_OF(body, sb_body_state_size(world_body(w)), sb_body_state_save(w->body, w->image, w->image_bytes))
 WORLD_IMAGE_OF(recording, sb_recording_get_info(world_ended(w)).bytes,
@@ -864,7 +867,8 @@ static reg_cpd_options *world_cpd_options(world *w)
 static reg_cpd *world_cpd(world *w)
 {
     if (!w->cpd)
-        CHECK_OK(reg_cpd_fit(world_points(w), WORLD_CLOUD, w->vectors, WORLD_CLOUD, world_cpd_options(w), &w->cpd, NULL));
+        CHECK_OK(
+            reg_cpd_fit(world_points(w), WORLD_CLOUD, w->vectors, WORLD_CLOUD, world_cpd_options(w), &w->cpd, NULL));
     return w->cpd;
 }
 

@@ -10,8 +10,8 @@
 typedef struct live_mesh {
     int node_end, cell_end, node_room, cell_room;
     sb_vec3 *X;
-    int *births;  /* 0: not in use; otherwise the number of the operation that made the node */
-    int *origin;  /* node before the change that it comes from */
+    int *births; /* 0: not in use; otherwise the number of the operation that made the node */
+    int *origin; /* node before the change that it comes from */
     int (*cells)[4];
     int *parents; /* cell before the change that it comes from, or -1 */
     int *free_nodes, free_node_count, *free_cells, free_cell_count;

@@ -5,11 +5,11 @@
  *
  * With CHECK_TIMES in the environment each test prints the processor's seconds that it took.
  *
- * With CHECK_TRAPS (make test-host) an operation that overflows, is invalid or divides by zero ends its test as failed, as
- * in a host that unmasks these exceptions; the addresses printed are for addr2line.
+ * With CHECK_TRAPS (make test-host) an operation that overflows, is invalid or divides by zero ends its test as failed,
+ * as in a host that unmasks these exceptions; the addresses printed are for addr2line.
  *
- * With CHECK_STACK (make test-host) each test runs in a thread of its own, whose stack is painted first, and fails when it
- * has used more than CHECK_STACK bytes, its own variables included.
+ * With CHECK_STACK (make test-host) each test runs in a thread of its own, whose stack is painted first, and fails when
+ * it has used more than CHECK_STACK bytes, its own variables included.
  *
  * suites.h is written by the Makefile: one line SUITE(name) for each CHECK_SUITE in tests/test_*.c. */
 #if defined(CHECK_TRAPS) || defined(CHECK_STACK)
@@ -78,7 +78,9 @@ static void trapped(int signal_number, siginfo_t *info, void *context)
     (void)signal_number;
     (void)context;
     printf("[%s] floating-point exception: %s\n", check.test,
-           info->si_code == FPE_FLTOVF ? "overflow" : info->si_code == FPE_FLTDIV ? "division by zero" : "invalid operation");
+           info->si_code == FPE_FLTOVF   ? "overflow"
+           : info->si_code == FPE_FLTDIV ? "division by zero"
+                                         : "invalid operation");
     fflush(stdout);
     backtrace_symbols_fd(frames, backtrace(frames, 12), STDOUT_FILENO);
     siglongjmp(after_trap, 1);
@@ -108,7 +110,11 @@ static void run_here(const check_case *test) { test->run(); }
 #if defined(CHECK_STACK)
 #include <pthread.h>
 
-enum { STACK_ROOM = 1 << 20, STACK_PAINT = 0xA5, STACK_OVERHEAD = 8192 /* what libc keeps at the top of it, at most */ };
+enum {
+    STACK_ROOM = 1 << 20,
+    STACK_PAINT = 0xA5,
+    STACK_OVERHEAD = 8192 /* what libc keeps at the top of it, at most */
+};
 
 static void *run_on_stack(void *test)
 {

@@ -7,17 +7,17 @@
 
 typedef struct random_case {
     unsigned long long seed;
-    char name[160];         /* in words, for messages */
-    sb_mesh mesh;           /* m, anywhere and turned anyhow */
+    char name[160]; /* in words, for messages */
+    sb_mesh mesh;   /* m, anywhere and turned anyhow */
     sb_material material;
     sb_integration integration;
     sb_integrator integrator;
     sb_mass_kind mass;
-    sb_vec3 gravity;        /* m/s^2 */
-    sb_real damping;        /* s, of the stiffness */
-    sb_real dt;             /* s */
-    int *held, held_count;  /* nodes without motion */
-    sb_vec3 *kick;          /* [node_count] velocities at the start (m/s), 0 at held nodes */
+    sb_vec3 gravity;       /* m/s^2 */
+    sb_real damping;       /* s, of the stiffness */
+    sb_real dt;            /* s */
+    int *held, held_count; /* nodes without motion */
+    sb_vec3 *kick;         /* [node_count] velocities at the start (m/s), 0 at held nodes */
 } random_case;
 
 /* Between low and high, evenly in the logarithm. */
@@ -85,8 +85,9 @@ static inline sb_result random_blob_mesh(unsigned long long *seed, sb_element_ty
     return sb_mesh_stuff(&def, mesh, NULL, NULL);
 }
 
-/* A block whose cells grow along x by up to a factor of 5. The slope of a power vanishes at 0, where it would bring mid-edge
- * nodes to a quarter of their edge, at which an element is singular: elements that have them get a slope above 0. */
+/* A block whose cells grow along x by up to a factor of 5. The slope of a power vanishes at 0, where it would bring
+ * mid-edge nodes to a quarter of their edge, at which an element is singular: elements that have them get a slope above
+ * 0. */
 static inline void random_grade(unsigned long long *seed, sb_mesh *mesh)
 {
     double power = check_random_in(seed, 1.2, 2);
@@ -141,7 +142,8 @@ static inline sb_material random_material(unsigned long long *seed, const char *
     case 1: *name = "linear"; return sb_material_linear(REAL(young), REAL(poisson), REAL(density));
     case 2: *name = "neo-Hookean"; return sb_material_neo_hookean(REAL(young), REAL(poisson), REAL(density));
     case 3: *name = "St. Venant"; return sb_material_svk(REAL(young), REAL(poisson), REAL(density));
-    default: *name = "stable neo-Hookean";
+    default:
+        *name = "stable neo-Hookean";
         return sb_material_stable_neo_hookean(REAL(young), REAL(poisson), REAL(density));
     }
 }

@@ -206,8 +206,8 @@ static inline void *scene_work(void *user)
     return NULL;
 }
 
-/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. A race
- * shows between any two of them. */
+/* Each worker is a thread made for this loop: what the thread sanitizer understands, which OpenMP's runtime is not. A
+ * race shows between any two of them. */
 static inline void scene_run_threads(int count, sb_task task, void *task_user, int workers)
 {
     enum { MOST = 3 };

@@ -49,9 +49,9 @@ enum { ROWS = sizeof rows / sizeof rows[0] };
 
 enum {
     TOOLS = 3,
-    DRAG_STEPS = 400,  /* of a phase */
-    REST_STEPS = 200,  /* after it, at most, to come back to rest */
-    ROUND_TRIP = 25    /* steps after a saved state that are played again */
+    DRAG_STEPS = 400, /* of a phase */
+    REST_STEPS = 200, /* after it, at most, to come back to rest */
+    ROUND_TRIP = 25   /* steps after a saved state that are played again */
 };
 
 typedef struct soak_tool {
@@ -65,15 +65,15 @@ typedef struct soak {
     sb_body *body;
     scene_memory memory;
     unsigned long long seed;
-    sb_real size;            /* of the body (m) */
+    sb_real size; /* of the body (m) */
     soak_tool tools[TOOLS];
     long steps, failed_steps, phases, round_trips, caught, restless;
     void *state;
     size_t state_size;
-    int split;               /* rich: first node of the second box, */
-    int springs, pressure;   /* and the loads on it */
-    sb_vec3 anchors[2];      /* points of the springs at rest (m) */
-    int live, calls;         /* allocations held, and made, when the body had been created */
+    int split;             /* rich: first node of the second box, */
+    int springs, pressure; /* and the loads on it */
+    sb_vec3 anchors[2];    /* points of the springs at rest (m) */
+    int live, calls;       /* allocations held, and made, when the body had been created */
 } soak;
 
 static double soak_random(soak *s, double low, double high) { return check_random_in(&s->seed, low, high); }
@@ -279,7 +279,9 @@ static void soak_surprise(soak *s)
     case 1: sb_body_clear_loads(s->body); break;
     case 2: soak_set_material(s, soak_random(s, 5e3, 5e4)); break;
     case 3: CHECK_OK(sb_body_set_gravity(s->body, soak_vector(s, 10))); break;
-    case 4: CHECK_OK(sb_body_set_damping(s->body, REAL(soak_random(s, 0, 2)), REAL(soak_random(s, 0.005, 0.03)))); break;
+    case 4:
+        CHECK_OK(sb_body_set_damping(s->body, REAL(soak_random(s, 0, 2)), REAL(soak_random(s, 0.005, 0.03))));
+        break;
     default: CHECK_OK(sb_body_set_solver(s->body, REAL(soak_random(s, 1e-5, 1e-2)), 20 + soak_choice(s, 100))); break;
     }
 }
@@ -372,7 +374,7 @@ static void soak_phase(soak *s)
     soak_round_trip(s);
     soak_rest(s);
     s->phases++;
-    CHECK(s->memory.live <= s->live + 1);  /* the supports' blocks, */
+    CHECK(s->memory.live <= s->live + 1);    /* the supports' blocks, */
     CHECK(s->memory.calls <= s->calls + 20); /* which grow geometrically and have a bound */
 }
 
@@ -390,8 +392,8 @@ static int soak_row_run(const soak_row *row, long steps, double seconds)
             spent = (double)(clock() - start) / (double)CLOCKS_PER_SEC;
             if (s.steps / 100000 != told) {
                 told = s.steps / 100000;
-                printf("  %s: %ld steps, %ld refused, %ld phases, %.0f s\n", row->name, s.steps, s.failed_steps, s.phases,
-                       spent);
+                printf("  %s: %ld steps, %ld refused, %ld phases, %.0f s\n", row->name, s.steps, s.failed_steps,
+                       s.phases, spent);
                 fflush(stdout);
             }
         }

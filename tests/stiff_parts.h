@@ -37,7 +37,7 @@ static inline int stiff_parts_ball(const double x[3])
 /* Whether they hold the point x, in heights of the beam. */
 static inline int stiff_parts_hold(stiff_parts parts, const double x[3])
 {
-    int y_strip = x[1] > 3 / 7.0 && x[1] < 4 / 7.0, z_strip = x[2] > 3 / 7.0 && x[2] < 4 / 7.0;
+    int y_strip = x[1] > 3 / 7.0 && x[1]<4 / 7.0, z_strip = x[2]> 3 / 7.0 && x[2] < 4 / 7.0;
     switch (parts) {
     case STIFF_BLOCK: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.3 && x[1] < 0.66 && x[2] > 0.3 && x[2] < 0.66;
     case STIFF_TOUCHING: return x[0] > 0.9 && x[0] < 1.8 && x[1] > 0.5 && x[2] > 0.4;

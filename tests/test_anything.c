@@ -123,7 +123,8 @@ static void check_energy(const random_case *given)
         most = fmax(most, fabs(work));
         CHECK((double)energy.elastic >= -1e-6 * most);
         if (!CHECK((double)energy.elastic + (double)energy.kinetic <= work + scene_tolerance(1e-6, 1e4) * most))
-            printf("step %d: elastic %g, kinetic %g, work %g\n", s, (double)energy.elastic, (double)energy.kinetic, work);
+            printf("step %d: elastic %g, kinetic %g, work %g\n", s, (double)energy.elastic, (double)energy.kinetic,
+                   work);
     }
     sb_body_destroy(body);
 }

@@ -5,7 +5,10 @@
 #include "scene.h"
 
 /* 270 cells: the last batch is partly filled. */
-static sb_mesh box(sb_element_type type) { return scene_box(type, 5, 3, 3, sb_v3(REAL(0.05), REAL(0.03), REAL(0.03)), 0.2); }
+static sb_mesh box(sb_element_type type)
+{
+    return scene_box(type, 5, 3, 3, sb_v3(REAL(0.05), REAL(0.03), REAL(0.03)), 0.2);
+}
 
 /* The mesh with one more element, far away, in region 1; regions[element_count] of the result. */
 static sb_mesh with_stranger(const sb_mesh *mesh, int **regions)
@@ -32,8 +35,8 @@ static sb_mesh with_stranger(const sb_mesh *mesh, int **regions)
 typedef struct scene {
     sb_element_type type;
     int single_rotation;
-    int mixed;            /* 1: elements beyond the middle are stiffer and nearly incompressible (region 2) */
-    double violence;      /* random displacements, in cells */
+    int mixed;       /* 1: elements beyond the middle are stiffer and nearly incompressible (region 2) */
+    double violence; /* random displacements, in cells */
 } scene;
 
 /* A body of the scene with node 0's plane held; strange: with a far element of another model, which no batch takes. */
@@ -121,7 +124,8 @@ static void compare(const scene *s)
             CHECK_OK(sb_body_step(a, REAL(0.005), NULL));
             CHECK_OK(sb_body_step(b, REAL(0.005), NULL));
             CHECK_NEAR(scene_distance(sb_body_displacements(a), sb_body_displacements(b), n) /
-                           largest(sb_body_displacements(b), n), 0, scene_tolerance(1e-9, 1e5));
+                           largest(sb_body_displacements(b), n),
+                       0, scene_tolerance(1e-9, 1e5));
         }
         CHECK_OK(sb_body_multiply_tangent(a, SB_TANGENT_QUASI, x, ya, NULL)); /* rotations at hand this time */
         CHECK_OK(sb_body_multiply_tangent(b, SB_TANGENT_QUASI, x, yb, NULL));

@@ -192,8 +192,8 @@ static void test_rank_and_locking_modes(void)
             for (int i = 0; i < DOFS; i++)
                 stiff[bbar] += values[i] > 20 * mu;
         }
-        printf("  %s element at nu 0.4999: %d of its modes are stiff, %d with B-bar\n", shaken ? "distorted" : "straight",
-               stiff[0], stiff[1]);
+        printf("  %s element at nu 0.4999: %d of its modes are stiff, %d with B-bar\n",
+               shaken ? "distorted" : "straight", stiff[0], stiff[1]);
         CHECK_INT(stiff[1], 1);
         CHECK(stiff[0] >= 7);
         sb_mesh_free(&mesh);
@@ -305,7 +305,8 @@ static void test_cook(void)
         for (int k = 0; k < 2; k++) {
             double nu = k ? 0.4999 : 0.499, expected = reference[m][k];
             double bbar = cook(SB_HEX8, 12, 1, nu, 4 * m), plain = cook(SB_HEX8, 12, 0, nu, 4 * m);
-            printf("  Cook, model %d, nu %g: B-bar %.5f, hex8 %.5f, expected %.5f m\n", 4 * m, nu, bbar, plain, expected);
+            printf("  Cook, model %d, nu %g: B-bar %.5f, hex8 %.5f, expected %.5f m\n", 4 * m, nu, bbar, plain,
+                   expected);
             CHECK_NEAR(bbar / expected, 1, 0.04);
             CHECK(plain < 0.5 * expected); /* the plain one locks, or this tests nothing */
         }
@@ -445,7 +446,8 @@ static void test_twist_keeps_volume(void)
         most = fmax(most, growth);
     }
     printf("  twist by 90 degrees: volumes change by %.2g to %.2g\n", least - 1, most - 1);
-    CHECK(least > 0.99 && most < 1.01); /* det of the mean F is kept, and differs from that by the twist within a cell */
+    CHECK(least > 0.99 &&
+          most < 1.01); /* det of the mean F is kept, and differs from that by the twist within a cell */
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
 }

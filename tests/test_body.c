@@ -101,8 +101,7 @@ static void patch_test_curved(sb_element_type type, int model, int points)
             CHECK_OK(sb_body_prescribe(body, &i, 1, SB_XYZ, &expected[i], 1));
     }
     CHECK_OK(sb_body_solve_static(body, &options, NULL));
-    CHECK_NEAR(scene_distance(sb_body_displacements(body), expected, mesh.node_count), 0,
-               scene_tolerance(1e-12, 100));
+    CHECK_NEAR(scene_distance(sb_body_displacements(body), expected, mesh.node_count), 0, scene_tolerance(1e-12, 100));
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
     free(expected);
@@ -381,8 +380,8 @@ static void test_rigid_motion_is_free(void)
             CHECK_OK(sb_body_set_displacements(body, u));
             CHECK_OK(sb_body_energy(body, &energy));
             /* strains of rounding size e cost E e^2 V; energies made of differences like I1 - 3 lose E e V */
-            CHECK_NEAR(energy.elastic, 0, 5e3 * 0.012 * (m <= 3 ? pow(200 * (double)SB_EPSILON, 2)
-                                                                : 20 * (double)SB_EPSILON));
+            CHECK_NEAR(energy.elastic, 0,
+                       5e3 * 0.012 * (m <= 3 ? pow(200 * (double)SB_EPSILON, 2) : 20 * (double)SB_EPSILON));
             sb_body_destroy(body);
             sb_mesh_free(&mesh);
             free(u);
@@ -554,15 +553,16 @@ static void test_bad_arguments(void)
     sb_body_def good = sb_default_body_def(), def;
     sb_error error;
     sb_body *body = NULL;
-    int bad_node = mesh.node_count, zero = 0, face[3] = {0, 1, 99}, no_face[3] = {1, 2, 6}, twice[3] = {0, 1, 1}, thrice[3] = {0, 0, 0};
+    int bad_node = mesh.node_count, zero = 0, face[3] = {0, 1, 99}, no_face[3] = {1, 2, 6}, twice[3] = {0, 1, 1},
+        thrice[3] = {0, 0, 0};
     sb_vec3 nan_vector = sb_v3(0, REAL(NAN), 0), v = sb_v3(0, 0, 0);
     good.mesh = &mesh;
     good.material = test_material(1);
-#define REFUSED(change, result)                                                                                 \
-    def = good;                                                                                                 \
-    change;                                                                                                     \
-    memset(&error, 1, sizeof error);                                                                            \
-    CHECK_RESULT(sb_body_create(&def, &body, &error), result);                                                  \
+#define REFUSED(change, result)                                                                                        \
+    def = good;                                                                                                        \
+    change;                                                                                                            \
+    memset(&error, 1, sizeof error);                                                                                   \
+    CHECK_RESULT(sb_body_create(&def, &body, &error), result);                                                         \
     CHECK(body == NULL && error.message[0] != 0 && strlen(error.message) < sizeof error.message)
     REFUSED(def.mesh = NULL, SB_ERROR_ARGUMENT);
     REFUSED(def.cookie = 0, SB_ERROR_ARGUMENT);
@@ -850,12 +850,12 @@ static void test_memory(void)
     }
 }
 
-CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"positions and errors", test_convention}, {"patch test with curved sides", test_patch_curved},
-            {"manufactured solution orders", test_manufactured}, {"reactions balance loads", test_static_balance},
-            {"quasi Newton", test_quasi_newton},
-            {"traction and stress", test_traction_and_stress}, {"rigid motions cost nothing", test_rigid_motion_is_free},
-            {"mass, momentum, kinetic energy", test_mass}, {"regions", test_regions},
-            {"bad arguments", test_bad_arguments}, {"unsupported bodies", test_unsupported},
-            {"slender bodies", test_slender}, {"set-up check", test_check}, {"parts and loose nodes", test_parts_and_loose_nodes},
-            {"allocations fail in turn", test_memory},
+CHECK_SUITE(body, {"patch test to 1e-12", test_patch}, {"positions and errors", test_convention},
+            {"patch test with curved sides", test_patch_curved}, {"manufactured solution orders", test_manufactured},
+            {"reactions balance loads", test_static_balance}, {"quasi Newton", test_quasi_newton},
+            {"traction and stress", test_traction_and_stress},
+            {"rigid motions cost nothing", test_rigid_motion_is_free}, {"mass, momentum, kinetic energy", test_mass},
+            {"regions", test_regions}, {"bad arguments", test_bad_arguments}, {"unsupported bodies", test_unsupported},
+            {"slender bodies", test_slender}, {"set-up check", test_check},
+            {"parts and loose nodes", test_parts_and_loose_nodes}, {"allocations fail in turn", test_memory},
             {"shares of lumped mass", test_lumped_shares}, {"rank of the stiffness", test_rank});

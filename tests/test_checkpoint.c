@@ -40,11 +40,11 @@ typedef struct stage {
     const variety *kind;
     sb_element_table table;
     sb_mesh mesh;
-    int split;                            /* first node of the second box */
-    int corners, faces[MOST_FACES * 4], face_count;    /* of the first box, to which the second is tied */
-    int top_corners, top[MOST_FACES * 4], top_count;   /* of the second box */
+    int split;                                       /* first node of the second box */
+    int corners, faces[MOST_FACES * 4], face_count;  /* of the first box, to which the second is tied */
+    int top_corners, top[MOST_FACES * 4], top_count; /* of the second box */
     int slaves[MOST_SLAVES], slave_count;
-    int low, high, middle;                /* free nodes of the second box */
+    int low, high, middle; /* free nodes of the second box */
 } stage;
 
 /* Ids of a body's loads and constraints; a copy of them goes with a saved state. */
@@ -374,8 +374,8 @@ static unsigned char *save_state(const sb_body *body, size_t *size)
 
 /* ---- continuing ---- */
 
-static void check_continues(const char *who, const variety *k, sb_body *body, const stage *s, numbers ids, int from, int to,
-                            uint64_t end)
+static void check_continues(const char *who, const variety *k, sb_body *body, const stage *s, numbers ids, int from,
+                            int to, uint64_t end)
 {
     play(body, s, &ids, from, to);
     if (!CHECK(sb_body_state_hash(body) == end))
@@ -990,6 +990,7 @@ static void test_forged_recordings(void)
 CHECK_SUITE(checkpoint, {"continues to the same bits", test_continue}, {"saved at every moment", test_every_moment},
             {"failures leave no trace", test_failures_leave_no_trace}, {"memory", test_memory},
             {"forged values", test_forged_values}, {"forged structure", test_forged_structure},
-            {"forged guard", test_forged_guard}, {"forged commands", test_forged_commands}, {"forged bytes", test_forged_bytes},
-            {"states of other bodies", test_other_bodies}, {"recordings play again", test_replay},
-            {"memory of a replay", test_replay_memory}, {"forged recordings", test_forged_recordings});
+            {"forged guard", test_forged_guard}, {"forged commands", test_forged_commands},
+            {"forged bytes", test_forged_bytes}, {"states of other bodies", test_other_bodies},
+            {"recordings play again", test_replay}, {"memory of a replay", test_replay_memory},
+            {"forged recordings", test_forged_recordings});

@@ -57,10 +57,11 @@ static void test_binary_ply(void)
         reg_cloud cloud;
         int head = snprintf(file, sizeof file,
                             "ply\nformat binary_%s_endian 1.0\nelement vertex 1\nproperty short x\nproperty float y\n"
-                            "property double z\nend_header\n", order ? "big" : "little");
+                            "property double z\nend_header\n",
+                            order ? "big" : "little");
         memcpy(file + head, order ? big : little, 14);
-        if (!CHECK_OK(reg_cloud_load_memory(&cloud, file, (size_t)head + 14, REG_CLOUD_PLY, NULL, REAL(0.5), NULL,
-                                            NULL)))
+        if (!CHECK_OK(
+                reg_cloud_load_memory(&cloud, file, (size_t)head + 14, REG_CLOUD_PLY, NULL, REAL(0.5), NULL, NULL)))
             continue;
         CHECK_NEAR(cloud.points[0].x, -1, 0);
         CHECK_NEAR(cloud.points[0].y, 0.75, 0);
@@ -111,10 +112,14 @@ static void test_text(void)
         const char *text;
         sb_result result;
         int line;
-    } bad[] = {{"", SB_ERROR_FORMAT, -1},           {"# nothing\n", SB_ERROR_FORMAT, -1},
-               {"1 2 3\n4 5\n", SB_ERROR_FORMAT, 2}, {"1 2 3\n\nx 5 6\n", SB_ERROR_FORMAT, 3},
-               {"1 2 3\n1 nan 3\n", SB_ERROR_NOT_FINITE, 2}, {"1 2 3\n1 2 1e999\n", SB_ERROR_NOT_FINITE, 2},
-               {"1 2 3 0 0 1\n1 2 3\n", SB_ERROR_FORMAT, 2}, {"a b c\nd e f\n", SB_ERROR_FORMAT, 2},
+    } bad[] = {{"", SB_ERROR_FORMAT, -1},
+               {"# nothing\n", SB_ERROR_FORMAT, -1},
+               {"1 2 3\n4 5\n", SB_ERROR_FORMAT, 2},
+               {"1 2 3\n\nx 5 6\n", SB_ERROR_FORMAT, 3},
+               {"1 2 3\n1 nan 3\n", SB_ERROR_NOT_FINITE, 2},
+               {"1 2 3\n1 2 1e999\n", SB_ERROR_NOT_FINITE, 2},
+               {"1 2 3 0 0 1\n1 2 3\n", SB_ERROR_FORMAT, 2},
+               {"a b c\nd e f\n", SB_ERROR_FORMAT, 2},
                {"1 2\n", SB_ERROR_FORMAT, 1}};
     reg_cloud cloud;
     sb_error error;
@@ -139,11 +144,16 @@ static void test_text(void)
 /* Texts of other countries and programs: read right, or refused with the line; never something else. */
 static void test_text_forms(void)
 {
-    static const char *const good[] = {"0,5;0,25;1,5\n-1,5;+2,25;3\n",   "0.5;0.25;1.5\n-1.5;2.25;3;\n",
-                                       "x;y;z\n,5;0,25;15e-1;\n-1,5; 2,25 ;3,000\n", "2\n0.5 .25 1.5\n-1.5 2.25 3\n",
-                                       "\xEF\xBB\xBF" "0.5 0.25 1.5\n-1.5 2.25 3",
-                                       "\xEF\xBB\xBF" "2\r\n0.5,0.25,1.5,\r\n-1.5, 2.25 , 3\r\n",
-                                       "0.5 0.25 1.5 a,b;c\n-1.5 2.25 3 12:30\n", "0.5,0.25,1.5,,,\n-1.5,2.25,3,,,"};
+    static const char *const good[] = {"0,5;0,25;1,5\n-1,5;+2,25;3\n",
+                                       "0.5;0.25;1.5\n-1.5;2.25;3;\n",
+                                       "x;y;z\n,5;0,25;15e-1;\n-1,5; 2,25 ;3,000\n",
+                                       "2\n0.5 .25 1.5\n-1.5 2.25 3\n",
+                                       "\xEF\xBB\xBF"
+                                       "0.5 0.25 1.5\n-1.5 2.25 3",
+                                       "\xEF\xBB\xBF"
+                                       "2\r\n0.5,0.25,1.5,\r\n-1.5, 2.25 , 3\r\n",
+                                       "0.5 0.25 1.5 a,b;c\n-1.5 2.25 3 12:30\n",
+                                       "0.5,0.25,1.5,,,\n-1.5,2.25,3,,,"};
     static const struct {
         const char *text, *message;
         int line;
@@ -218,7 +228,10 @@ static void test_marks_and_nuls(void)
         CHECK(strstr(error.message, "NUL") != NULL);
         CHECK_INT(error.line, lines + 1);
     }
-    CHECK_RESULT(reg_cloud_load_memory(&cloud, "\xFF\xFE" "1\0 \0", 6, REG_CLOUD_AUTO, "m.xyz", 1, NULL, &error),
+    CHECK_RESULT(reg_cloud_load_memory(&cloud,
+                                       "\xFF\xFE"
+                                       "1\0 \0",
+                                       6, REG_CLOUD_AUTO, "m.xyz", 1, NULL, &error),
                  SB_ERROR_UNSUPPORTED);
     CHECK(strstr(error.message, "UTF-16") != NULL);
     CHECK_RESULT(reg_cloud_load_memory(&cloud, "\x1F\x8B\x08 1 2 3\n", 10, REG_CLOUD_XYZ, "m.xyz", 1, NULL, &error),
@@ -340,7 +353,7 @@ static void test_normals_of_little(void)
 
 static void test_thin(void)
 {
-    sb_vec3 points[6] = {{REAL(0.1), 0, 0}, {REAL(1.5), 0, 0}, {REAL(0.3), REAL(0.2), 0},
+    sb_vec3 points[6] = {{REAL(0.1), 0, 0},  {REAL(1.5), 0, 0}, {REAL(0.3), REAL(0.2), 0},
                          {REAL(-0.5), 0, 0}, {REAL(1.5), 0, 0}, {REAL(1e5), REAL(-1e5), REAL(1e5)}};
     sb_vec3 normals[6] = {{1, 0, 0}, {0, 0, 1}, {0, 1, 0}, {0, 0, 1}, {0, 0, -1}, {1, 0, 0}};
     reg_cloud cloud, thin;
@@ -399,7 +412,7 @@ static void test_rules(void)
     CHECK_NEAR(d[1], 7, 0); /* only read */
     limit = reg_outlier_limit(d, 11, REG_OUTLIERS_NONE, 0, scratch);
     CHECK(limit >= SB_REAL_MAX);
-    d[3] = infinite; /* was 10 */
+    d[3] = infinite;            /* was 10 */
     d[4] = infinite - infinite; /* was 6 */
     CHECK_NEAR(reg_outlier_limit(d, 11, REG_OUTLIERS_TRIM, 1, scratch), 9, 0);
     CHECK_NEAR(reg_outlier_limit(d + 3, 2, REG_OUTLIERS_MEDIAN, 3, scratch), -1, 0);
@@ -637,10 +650,9 @@ static void test_bad_points(void)
 }
 
 CHECK_SUITE(cloud, {"ascii ply", test_ascii_ply}, {"binary ply", test_binary_ply}, {"round trip", test_round_trip},
-            {"text", test_text},
-            {"texts of other countries and programs", test_text_forms},
-            {"byte order marks and NUL bytes", test_marks_and_nuls}, {"formats", test_formats}, {"from mesh", test_from_mesh}, {"normals", test_normals},
-            {"normals of little", test_normals_of_little}, {"thin", test_thin}, {"spread", test_spread},
-            {"outlier rules", test_rules}, {"remove outliers", test_remove}, {"smooth", test_smooth},
-            {"smooth a mesh", test_smooth_mesh}, {"smooth little", test_smooth_little}, {"memory", test_memory},
-            {"bad points", test_bad_points});
+            {"text", test_text}, {"texts of other countries and programs", test_text_forms},
+            {"byte order marks and NUL bytes", test_marks_and_nuls}, {"formats", test_formats},
+            {"from mesh", test_from_mesh}, {"normals", test_normals}, {"normals of little", test_normals_of_little},
+            {"thin", test_thin}, {"spread", test_spread}, {"outlier rules", test_rules},
+            {"remove outliers", test_remove}, {"smooth", test_smooth}, {"smooth a mesh", test_smooth_mesh},
+            {"smooth little", test_smooth_little}, {"memory", test_memory}, {"bad points", test_bad_points});

@@ -151,8 +151,8 @@ static void test_shear(void)
                     terms[1] = term(reference, axis, -2);
                     if (i % 7 && k == 1) /* many at a time in test_periodic */
                         continue;
-                    CHECK_OK(sb_body_add_constraint(body[k], terms, 3 - k, k == 1 ? REAL(0)
-                             : 2 * scene_component(go, axis), &id, NULL));
+                    CHECK_OK(sb_body_add_constraint(body[k], terms, 3 - k,
+                                                    k == 1 ? REAL(0) : 2 * scene_component(go, axis), &id, NULL));
                     if (k == 2 && first < 0)
                         first = id;
                 }
@@ -166,8 +166,8 @@ static void test_shear(void)
         for (int k = 0; k < 3; k++)
             CHECK_OK(sb_body_solve_static(body[k], &options, NULL));
         for (int k = 1; k < 3; k++)
-            worst = fmax(worst, scene_distance(sb_body_displacements(body[0]), sb_body_displacements(body[k]),
-                                               reference));
+            worst =
+                fmax(worst, scene_distance(sb_body_displacements(body[0]), sb_body_displacements(body[k]), reference));
         CHECK_NEAR(worst, 0, scene_tolerance(1e-10, 2000) * 0.01);
         for (int i = 0; i < count; i++) {
             if (i % 7 == 0)
@@ -175,7 +175,8 @@ static void test_shear(void)
             for (int axis = 0; axis < 3; axis++) {
                 sb_real f = 0;
                 CHECK_OK(sb_body_constraint_force(body[2], first + 3 * i + axis, &f));
-                CHECK_NEAR(2 * f, scene_component(sb_body_reactions(body[0])[top[i]], axis), scene_tolerance(1e-9, 2e4));
+                CHECK_NEAR(2 * f, scene_component(sb_body_reactions(body[0])[top[i]], axis),
+                           scene_tolerance(1e-9, 2e4));
                 set_component(&lambda, axis, scene_component(lambda, axis) + 2 * f);
             }
         }
@@ -208,7 +209,8 @@ static void test_periodic_cell(void)
         for (int i = 0; i < mesh.node_count; i++) {
             int face = mesh.nodes[i].x > REAL(0.999)   ? 0
                        : mesh.nodes[i].y > REAL(0.999) ? 1
-                       : mesh.nodes[i].z > REAL(0.999) ? 2 : -1;
+                       : mesh.nodes[i].z > REAL(0.999) ? 2
+                                                       : -1;
             sb_vec3 opposite = mesh.nodes[i];
             if (sb_v3_norm(opposite) < REAL(1e-6))
                 corner = i;
@@ -252,7 +254,8 @@ static void test_periodic_cell(void)
         CHECK_OK(sb_body_set_constraint_value(body, first, values[0]));
         CHECK_OK(sb_body_solve_static(body, NULL, NULL));
         CHECK_NEAR(scene_component(sb_v3_sub(sb_body_displacements(body)[terms[0].node],
-                                             sb_body_displacements(body)[terms[1].node]), terms[0].axis),
+                                             sb_body_displacements(body)[terms[1].node]),
+                                   terms[0].axis),
                    values[0], scene_tolerance(1e-15, 10));
         /* one constraint of a chain removed and put back: another number, the same shape */
         CHECK_OK(sb_body_remove_constraint(body, first + count / 2, NULL));
@@ -308,8 +311,9 @@ static void test_rigid_plate(void)
     forces = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3));
     for (int i = 0; i < count; i++) {
         double y = (double)mesh.nodes[tip[i]].y / 0.02, z = (double)mesh.nodes[tip[i]].z / 0.02;
-        CHECK_NEAR(u[tip[i]].x, (double)u[origin].x + y * (double)(u[along_y].x - u[origin].x) +
-                                    z * (double)(u[along_z].x - u[origin].x),
+        CHECK_NEAR(u[tip[i]].x,
+                   (double)u[origin].x + y * (double)(u[along_y].x - u[origin].x) +
+                       z * (double)(u[along_z].x - u[origin].x),
                    scene_tolerance(1e-15, 1));
     }
     CHECK(u[along_z].x > u[origin].x);
@@ -402,9 +406,9 @@ static void test_tied_as_merged(void)
 
 /* Linear displacement fields of the patches. */
 enum patch_field {
-    ANY_FIELD,     /* with the first block prescribed: the slaves and the second block follow it */
-    NO_TRACTION,   /* nothing but stress along the interface */
-    ROTATION       /* no stress */
+    ANY_FIELD,   /* with the first block prescribed: the slaves and the second block follow it */
+    NO_TRACTION, /* nothing but stress along the interface */
+    ROTATION     /* no stress */
 };
 
 static sb_vec3 patch_displacement(enum patch_field field, sb_vec3 x)
@@ -542,7 +546,8 @@ static void test_gaps(void)
                 mesh.nodes[i].x += REAL(0.001);
             body = scene_body(&def);
             CHECK_RESULT(sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, REAL(0.0005),
-                                           SB_TIE_ALL, &report, &error), SB_ERROR_ARGUMENT);
+                                           SB_TIE_ALL, &report, &error),
+                         SB_ERROR_ARGUMENT);
             CHECK_INT(error.node, slaves[0]);
             CHECK_OK(sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, REAL(0.0005), 0, &report,
                                        &error));
@@ -700,9 +705,9 @@ static void test_static_torque(void)
         CHECK_OK(sb_body_solve_static(body, &options, NULL));
         weight = 9.81 * (double)sb_body_mass(body);
         for (int i = 0; i < mesh.node_count; i++)
-            torque = sb_v3_add(torque, sb_v3_cross(sb_body_positions(body)[i],
-                                                   sb_v3_add(sb_body_reactions(body)[i],
-                                                             sb_body_external_forces(body)[i])));
+            torque =
+                sb_v3_add(torque, sb_v3_cross(sb_body_positions(body)[i],
+                                              sb_v3_add(sb_body_reactions(body)[i], sb_body_external_forces(body)[i])));
         CHECK_NEAR((double)sb_v3_norm(torque) / (0.2 * weight), 0, scene_tolerance(1e-9, 5000));
         sb_body_destroy(body);
         sb_mesh_free(&mesh);
@@ -1042,8 +1047,7 @@ static void test_bad_ties(void)
                  SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_tie_faces(body, NULL, face_count, 4, slaves, slave_count, -1, 0, &report, &error),
                  SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_body_tie_faces(body, faces, -1, 4, slaves, slave_count, -1, 0, &report, &error),
-                 SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_body_tie_faces(body, faces, -1, 4, slaves, slave_count, -1, 0, &report, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_tie_faces(body, faces, face_count, 5, slaves, slave_count, -1, 0, &report, &error),
                  SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_body_tie_faces(body, faces, face_count, 4, NULL, slave_count, -1, 0, &report, &error),
@@ -1108,7 +1112,8 @@ static void test_allocations(void)
             sb_result result;
             memory.calls = 0;
             memory.fail_at = fail_at;
-            result = stage == 0   ? sb_body_tie_faces(body, faces, face_count, 3, slaves, slave_count, -1, 0, NULL, &error)
+            result = stage == 0
+                         ? sb_body_tie_faces(body, faces, face_count, 3, slaves, slave_count, -1, 0, NULL, &error)
                      : stage == 1 ? sb_body_add_constraint(body, chain, 2, 0, NULL, &error)
                                   : sb_body_remove_constraint(body, 0, &error);
             memory.fail_at = 0;
@@ -1135,7 +1140,8 @@ static void test_allocations(void)
 
 static void test_append(void)
 {
-    sb_mesh mesh = scene_box(SB_TET4, 1, 1, 1, sb_v3(1, 1, 1), 0), other = scene_box(SB_TET4, 2, 1, 1, sb_v3(1, 1, 1), 0);
+    sb_mesh mesh = scene_box(SB_TET4, 1, 1, 1, sb_v3(1, 1, 1), 0),
+            other = scene_box(SB_TET4, 2, 1, 1, sb_v3(1, 1, 1), 0);
     sb_mesh hex = scene_box(SB_HEX8, 1, 1, 1, sb_v3(1, 1, 1), 0), empty, copy;
     scene_memory memory = {0, 0, 0};
     sb_allocator allocator = scene_allocator(&memory);

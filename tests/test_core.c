@@ -102,7 +102,8 @@ static void wait_for(double seconds)
         continue;
 }
 
-/* A thread that comes late: its tasks take a hundred times as long as the caller's, which notes whether it runs alone. */
+/* A thread that comes late: its tasks take a hundred times as long as the caller's, which notes whether it runs
+ * alone. */
 static void late_task(void *user, int index)
 {
     (void)index;
@@ -169,11 +170,12 @@ static void test_openmp_stress(void)
     omp_set_max_active_levels(levels);
     omp_set_num_threads(usual);
 }
-#define OPENMP_TEST \
-    {"openmp jobs", test_openmp_jobs}, {"openmp late threads", test_openmp_late_threads}, {"openmp stress", test_openmp_stress},
+#define OPENMP_TEST                                                                                                    \
+    {"openmp jobs", test_openmp_jobs}, {"openmp late threads", test_openmp_late_threads},                              \
+        {"openmp stress", test_openmp_stress},
 #else
 #define OPENMP_TEST
 #endif
 
-CHECK_SUITE(core, OPENMP_TEST {"result values", test_result_values}, {"result strings", test_result_strings},
+CHECK_SUITE(core, OPENMP_TEST{"result values", test_result_values}, {"result strings", test_result_strings},
             {"version", test_version}, {"scalar type", test_scalar});

@@ -123,8 +123,11 @@ static void test_stick_slip(void)
         double limit = 60 * 0.023, loop, slope;
         int stuck = 0;
         for (int leg = 0; leg < 5; leg++)
-            slide(&s, leg == 0 ? -0.002 : leg % 2 ? 0.004 : -0.004, LEG, x + leg * LEG, f + leg * LEG,
-                  depth + leg * LEG);
+            slide(&s,
+                  leg == 0  ? -0.002
+                  : leg % 2 ? 0.004
+                            : -0.004,
+                  LEG, x + leg * LEG, f + leg * LEG, depth + leg * LEG);
         for (int i = 0; i < 5 * LEG; i++)
             CHECK(fabs(f[i]) < 60 * depth[i] + 0.03 * limit);
         for (int leg = 1; leg < 5; leg++)
@@ -206,7 +209,7 @@ static void test_membranes(void)
             r.push[r.count++] = needle_push(&s);
         }
         CHECK_NEAR(largest_push(&r, 0.0395, 0.0405), 4.2, 0.1);
-        CHECK(largest_push(&r, 0.030, 0.0394) < 0.6);  /* the drop after it */
+        CHECK(largest_push(&r, 0.030, 0.0394) < 0.6); /* the drop after it */
         CHECK_NEAR(largest_push(&r, 0.0195, 0.0206), 3.3, 0.15);
         CHECK(largest_push(&r, 0.005, 0.019) < 0.6);
         CHECK(r.z[r.count - 1] < 0.012);
@@ -430,8 +433,8 @@ static void test_needle_balance(void)
             sb_vec3 before = rod_momentum(rod), force, rate, all;
             int n = ndl_rod_node_count(rod);
             ndl_command command = needle_command(0, 0);
-            command.velocity = sb_v3(REAL(0.003 * sin(0.8 * i)), REAL(0.003 * cos(0.8 * i)),
-                                     REAL(0.001 * cos(0.3 * i)));
+            command.velocity =
+                sb_v3(REAL(0.003 * sin(0.8 * i)), REAL(0.003 * cos(0.8 * i)), REAL(0.001 * cos(0.3 * i)));
             needle_scene_run(&s, 0.005, 1, command);
             if (s.info.operations || s.info.substeps > 1 || n != ndl_rod_node_count(rod))
                 continue;
@@ -617,10 +620,9 @@ static void test_threads(void)
 CHECK_SUITE(couple, {"friction per length times depth", test_friction_per_length},
             {"friction by region", test_friction_by_region}, {"viscous friction grows with speed", test_viscous},
             {"sticks, then slips, with hysteresis", test_stick_slip},
-            {"sticks below the limit", test_sticks_below_the_limit},
-            {"membranes: peak and drop", test_membranes}, {"a puncture dents and lets go", test_puncture_dents},
-            {"cutting by a callback", test_cutting_callback}, {"sideways", test_lateral},
-            {"no drift, states consistent", test_drift_and_consistency},
+            {"sticks below the limit", test_sticks_below_the_limit}, {"membranes: peak and drop", test_membranes},
+            {"a puncture dents and lets go", test_puncture_dents}, {"cutting by a callback", test_cutting_callback},
+            {"sideways", test_lateral}, {"no drift, states consistent", test_drift_and_consistency},
             {"states fit forces", test_states_fit_forces}, {"balance of the needle", test_needle_balance},
             {"balance at rest", test_static_balance}, {"rest without gain of energy", test_rest},
             {"steps do not matter", test_steps_do_not_matter}, {"place does not matter", test_place_does_not_matter},

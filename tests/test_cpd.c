@@ -87,8 +87,8 @@ static void cpd_observe(const cpd_cloud *source, const cpd_motion *motion, doubl
         target->at[target->count++] = cpd_add_noise(cpd_move(motion, source->at[k]), noise, &seed);
     }
     for (int i = 0; i < outliers; i++) {
-        sb_vec3 p = cpd_anywhere(sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.25), REAL(0.2), REAL(0.1)),
-                                 &seed);
+        sb_vec3 p =
+            cpd_anywhere(sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.25), REAL(0.2), REAL(0.1)), &seed);
         target->origin[target->count] = -1;
         target->at[target->count++] = cpd_move(motion, p);
     }
@@ -687,9 +687,9 @@ static void test_degenerate(void)
                 cpd_organ(&source, shape == 0 || shape == 2 ? 1 : 90, 6);
                 for (int i = 0; i < source.count; i++) {
                     sb_vec3 p = source.at[i];
-                    source.at[i] = shape == 3   ? sb_v3(p.x, p.y, 0)               /* in a plane */
-                                   : shape == 4 ? sb_v3(p.x, 2 * p.x, -p.x)        /* on a line */
-                                   : shape == 5 ? sb_v3(1, 2, 3)                   /* in one place */
+                    source.at[i] = shape == 3   ? sb_v3(p.x, p.y, 0)        /* in a plane */
+                                   : shape == 4 ? sb_v3(p.x, 2 * p.x, -p.x) /* on a line */
+                                   : shape == 5 ? sb_v3(1, 2, 3)            /* in one place */
                                                 : p;
                 }
                 cpd_observe(&source, &motion, 0, 0, 0, &target);
@@ -981,8 +981,8 @@ static void test_golden(void)
     CHECK_SKIP("golden hashes are of double");
 #else
     static cpd_cloud source, target;
-    const unsigned long long expected[4] = {0x1f3f6ff558332016ULL, 0xa4a403dbbfbf7bd8ULL,
-                                            0x3110037cb074c761ULL, 0xe1628f586d18e4cbULL};
+    const unsigned long long expected[4] = {0x1f3f6ff558332016ULL, 0xa4a403dbbfbf7bd8ULL, 0x3110037cb074c761ULL,
+                                            0xe1628f586d18e4cbULL};
     cpd_motion motion = cpd_sheared();
     cpd_organ(&source, 150, 8);
     cpd_observe(&source, &motion, 0.2, 0.003, 20, &target);

@@ -38,8 +38,7 @@ static void copied_make(copied_element *copy, sb_element_type type)
     table->point_count = sb_element_quadrature(type, SB_QUADRATURE_STIFFNESS, copy->points, copy->weights);
     table->points = (const sb_real(*)[3])copy->points;
     table->weights = copy->weights;
-    table->mass_point_count =
-        sb_element_quadrature(type, SB_QUADRATURE_MASS, copy->mass_points, copy->mass_weights);
+    table->mass_point_count = sb_element_quadrature(type, SB_QUADRATURE_MASS, copy->mass_points, copy->mass_weights);
     table->mass_points = (const sb_real(*)[3])copy->mass_points;
     table->mass_weights = copy->mass_weights;
     table->face_count = sb_element_face_count(type);
@@ -463,7 +462,7 @@ static void test_append(void)
     sb_mesh_free(&second);
 }
 
-CHECK_SUITE(custom, {"append", test_append}, {"built-in elements as tables", test_copies}, {"mesh of wedges", test_mesh},
-            {"refusals", test_refusals}, {"patch test", test_patch}, {"balances and readings", test_body},
-            {"same bits for any threads", test_threads}, {"violence", test_violence}, {"VTK output", test_output},
-            {"every allocation failing", test_memory});
+CHECK_SUITE(custom, {"append", test_append}, {"built-in elements as tables", test_copies},
+            {"mesh of wedges", test_mesh}, {"refusals", test_refusals}, {"patch test", test_patch},
+            {"balances and readings", test_body}, {"same bits for any threads", test_threads},
+            {"violence", test_violence}, {"VTK output", test_output}, {"every allocation failing", test_memory});

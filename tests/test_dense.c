@@ -176,8 +176,7 @@ static void test_cbrt(void)
     for (int n = 0; n < CASES; n++) {
         sb_real x = random_magnitude(&seed, -decades, decades), J = random_magnitude(&seed, -3, 3);
         long double root = cbrtl((long double)J);
-        error =
-            largest(error, ulps(sb_cbrt(n % 2 ? x : -x), cbrtl(n % 2 ? (long double)x : -(long double)x)));
+        error = largest(error, ulps(sb_cbrt(n % 2 ? x : -x), cbrtl(n % 2 ? (long double)x : -(long double)x)));
         power_error = largest(power_error, ulps(sb_pow_minus_two_thirds(J), 1 / (root * root)));
     }
     CHECK_NEAR(error, 0, 1.0);
@@ -235,23 +234,20 @@ static void test_atan2(void)
     sb_real zero = 0, infinity = (sb_real)INFINITY;
     for (int n = 0; n < CASES; n++) {
         sb_real x = random_real(&seed, -1, 1), y = random_real(&seed, -1, 1);
-        sb_real X = x * random_magnitude(&seed, -decades, decades),
-                Y = y * random_magnitude(&seed, -decades, decades);
+        sb_real X = x * random_magnitude(&seed, -decades, decades), Y = y * random_magnitude(&seed, -decades, decades);
         error = largest(error, ulps(sb_atan2(y, x), atan2l((long double)y, (long double)x)));
         error = largest(error, ulps(sb_atan2(Y, X), atan2l((long double)Y, (long double)X)));
         acos_error = largest(acos_error, ulps(sb_acos(x), acosl((long double)x)));
     }
     CHECK_NEAR(error, 0, 2.1);
     CHECK_NEAR(acos_error, 0, 2.1);
-    CHECK(sb_atan2(zero, 1) == 0 && sb_atan2(zero, zero) == 0 &&
-          sb_atan2(0, -1) == (sb_real)3.14159265358979323846);
+    CHECK(sb_atan2(zero, 1) == 0 && sb_atan2(zero, zero) == 0 && sb_atan2(0, -1) == (sb_real)3.14159265358979323846);
     CHECK(signbit(sb_atan2(-zero, 1)) && sb_atan2(-zero, -1) == (sb_real)-3.14159265358979323846);
     CHECK(sb_atan2(-infinity, 1) == (sb_real)-1.57079632679489661923);
     CHECK(sb_atan2(infinity, infinity) == (sb_real)0.785398163397448309616 && sb_atan2(1, infinity) == 0);
     check_bad_numbers();
     CHECK(sb_atan2((sb_real)NAN, 1) != 0 && !(sb_atan2(1, (sb_real)NAN) < 10));
-    CHECK(sb_acos(1) == 0 && sb_acos(-1) == (sb_real)3.14159265358979323846 &&
-          !(sb_acos((sb_real)1.01) < 10));
+    CHECK(sb_acos(1) == 0 && sb_acos(-1) == (sb_real)3.14159265358979323846 && !(sb_acos((sb_real)1.01) < 10));
 }
 
 /* ---- quaternions ---- */
@@ -343,8 +339,8 @@ static void test_svd_random(void)
     for (int n = 0; n < CASES; n++) {
         sb_mat3 f = random_matrix(&seed);
         check_svd(f, 32);
-        f = composed(random_quat(&seed), check_random(&seed), check_random(&seed),
-                     check_random_in(&seed, -1, 1), random_quat(&seed));
+        f = composed(random_quat(&seed), check_random(&seed), check_random(&seed), check_random_in(&seed, -1, 1),
+                     random_quat(&seed));
         check_svd(f, 32);
     }
 }
@@ -352,9 +348,8 @@ static void test_svd_random(void)
 /* Known values, with repetition, loss of rank, reflection. */
 static void test_svd_closed_forms(void)
 {
-    static const double values[12][3] = {{3, 2, 1}, {3, 2, -1}, {2, 2, 1},    {2, 1, 1},
-                                         {1, 1, 1}, {1, 1, -1}, {2, 1, -1},   {2, 1, 0},
-                                         {2, 2, 0}, {2, 0, 0},  {1, 1e-5, 0}, {1, 1e-5, -1e-5}};
+    static const double values[12][3] = {{3, 2, 1},  {3, 2, -1}, {2, 2, 1}, {2, 1, 1}, {1, 1, 1},    {1, 1, -1},
+                                         {2, 1, -1}, {2, 1, 0},  {2, 2, 0}, {2, 0, 0}, {1, 1e-5, 0}, {1, 1e-5, -1e-5}};
     unsigned long long seed = 8;
     for (int n = 0; n < 600; n++) {
         const double *expected = values[n % 12];
@@ -512,8 +507,7 @@ static void test_polar_warm(void)
     for (int n = 0; n < 8000; n++) {
         sb_quat q = random_quat(&seed), p = random_quat(&seed), start, found;
         double last = n % 3 ? check_random_in(&seed, 0.2, 1) : check_random_in(&seed, -0.4, 0);
-        sb_mat3 stretch =
-            composed(p, check_random_in(&seed, 0.5, 2), check_random_in(&seed, 0.5, 2), last, p);
+        sb_mat3 stretch = composed(p, check_random_in(&seed, 0.5, 2), check_random_in(&seed, 0.5, 2), last, p);
         double angle = degrees[n % 8] * 3.14159265358979 / 180;
         start = turned(q, random_vector(&seed, 0.1, 1), angle);
         found = sb_m3_polar(sb_m3_mul(sb_quat_to_mat3(q), stretch), start);
@@ -605,10 +599,7 @@ static void set_lane(lanes *a, int l, sb_mat3 f, sb_quat q)
     a->q[3][l] = q.z;
 }
 
-static sb_quat lane_quat(const lanes *a, int l)
-{
-    return sb_quat_make(a->q[0][l], a->q[1][l], a->q[2][l], a->q[3][l]);
-}
+static sb_quat lane_quat(const lanes *a, int l) { return sb_quat_make(a->q[0][l], a->q[1][l], a->q[2][l], a->q[3][l]); }
 
 static sb_mat3 lane_rotation(const lanes *a, int l)
 {
@@ -985,16 +976,15 @@ static void test_spd_inverse(void)
 
 CHECK_SUITE(dense, {"products", test_products}, {"inverse", test_inverse}, {"exp and log", test_exp_log},
             {"exp and log at the edges", test_exp_log_edges}, {"cube root", test_cbrt},
-            {"sine and cosine", test_sin_cos}, {"atan2 and acos", test_atan2},
-            {"quaternions", test_quaternions}, {"quaternions of half turns", test_quat_half_turns},
-            {"normalising", test_quat_normalise}, {"rotation vector", test_rotation_vector},
-            {"svd, random", test_svd_random}, {"svd, closed forms", test_svd_closed_forms},
-            {"svd, extremes", test_svd_extremes}, {"svd, graded", test_svd_graded}, {"eigen", test_eigen},
-            {"eigen at the edges", test_eigen_edges}, {"polar, random", test_polar_random},
-            {"polar, warm", test_polar_warm}, {"polar, scales", test_polar_scales},
-            {"polar, degenerate", test_polar_degenerate}, {"polar keeps its start", test_polar_keeps_start},
-            {"polar, bad input", test_polar_bad_input}, {"polar batch", test_polar_batch},
-            {"polar batch, lanes", test_polar_batch_lanes},
+            {"sine and cosine", test_sin_cos}, {"atan2 and acos", test_atan2}, {"quaternions", test_quaternions},
+            {"quaternions of half turns", test_quat_half_turns}, {"normalising", test_quat_normalise},
+            {"rotation vector", test_rotation_vector}, {"svd, random", test_svd_random},
+            {"svd, closed forms", test_svd_closed_forms}, {"svd, extremes", test_svd_extremes},
+            {"svd, graded", test_svd_graded}, {"eigen", test_eigen}, {"eigen at the edges", test_eigen_edges},
+            {"polar, random", test_polar_random}, {"polar, warm", test_polar_warm},
+            {"polar, scales", test_polar_scales}, {"polar, degenerate", test_polar_degenerate},
+            {"polar keeps its start", test_polar_keeps_start}, {"polar, bad input", test_polar_bad_input},
+            {"polar batch", test_polar_batch}, {"polar batch, lanes", test_polar_batch_lanes},
             {"polar batch, bad lanes", test_polar_batch_bad_lanes}, {"golden bits", test_golden},
             {"cholesky", test_cholesky}, {"ldlt", test_ldlt}, {"lu", test_lu}, {"qr", test_qr},
             {"singular systems", test_singular_systems}, {"rank two", test_rank_two_gram},

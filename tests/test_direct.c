@@ -381,7 +381,7 @@ static void test_memory(void)
     sb_mesh_free(&mesh);
 }
 
-CHECK_SUITE(direct, {"random matrices", test_random}, {"elastic matrices", test_elastic},
-            {"signs", test_signs}, {"the same bits", test_bits}, {"fill", test_fill}, {"patterns", test_patterns},
+CHECK_SUITE(direct, {"random matrices", test_random}, {"elastic matrices", test_elastic}, {"signs", test_signs},
+            {"the same bits", test_bits}, {"fill", test_fill}, {"patterns", test_patterns},
             {"matrices without a factor", test_singular}, {"refusals", test_refusals},
             {"failing allocations", test_memory});

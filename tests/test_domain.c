@@ -38,7 +38,9 @@ static void test_default_domain_same_bits(void)
     static const sb_element_type types[] = {SB_TET4, SB_TET10, SB_HEX8, SB_HEX8, SB_HEX20, SB_TET10};
     for (int i = 0; i < 6; i++) {
         sb_mesh mesh = scene_box(types[i], 5, 2, 2, box_size(), 0.1);
-        sb_integration integration = i == 3 ? SB_INTEGRATION_BBAR : i == 5 ? SB_INTEGRATION_CURVED : SB_INTEGRATION_AUTO;
+        sb_integration integration = i == 3   ? SB_INTEGRATION_BBAR
+                                     : i == 5 ? SB_INTEGRATION_CURVED
+                                              : SB_INTEGRATION_AUTO;
         sb_domain domain;
         sb_body_def def = soft_def(&mesh, NULL);
         unsigned long long hash;
@@ -88,7 +90,8 @@ static void fill_masses(sb_domain *domain, const sb_mesh *mesh, int copies)
     domain->cell_mass = (sb_real *)malloc((size_t)(domain->cell_count * pairs) * sizeof(sb_real));
     for (int e = 0; e < domain->cell_count; e++) {
         const int *cell = domain->cells + e * n;
-        sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], *mass = domain->cell_mass + e * pairs;
+        sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS],
+            *mass = domain->cell_mass + e * pairs;
         int q = sb_element_quadrature(domain->element_type, SB_QUADRATURE_MASS, points, weights);
         memset(mass, 0, (size_t)pairs * sizeof *mass);
         for (int p = 0; p < q; p++) {
@@ -156,7 +159,8 @@ static void test_split_cells(void)
 /* A cell whose points have no weight, and its mass none: as if it were not there. */
 static void test_weightless_cell_is_absent(void)
 {
-    sb_mesh mesh = scene_box(SB_HEX8, 3, 1, 1, sb_v3(3, 1, 1), 0), longer = scene_box(SB_HEX8, 4, 1, 1, sb_v3(4, 1, 1), 0);
+    sb_mesh mesh = scene_box(SB_HEX8, 3, 1, 1, sb_v3(3, 1, 1), 0),
+            longer = scene_box(SB_HEX8, 4, 1, 1, sb_v3(4, 1, 1), 0);
     sb_domain domain;
     sb_body_def def = sb_default_body_def();
     sb_body *body;
@@ -200,9 +204,10 @@ static void test_weightless_cell_is_absent(void)
         for (int i = 0; i < mesh.node_count; i++)
             for (int j = 0; j < longer.node_count; j++)
                 if (sb_v3_norm(sb_v3_sub(mesh.nodes[i], longer.nodes[j])) < REAL(1e-3))
-                    worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(twin)[i],
-                                                                     sb_body_displacements(body)[j])));
-        CHECK_NEAR(worst, 0, scene_tolerance(1e-6, 1e4) * (double)sb_v3_norm(sb_body_displacements(twin)[mesh.node_count - 1]));
+                    worst = fmax(worst, (double)sb_v3_norm(
+                                            sb_v3_sub(sb_body_displacements(twin)[i], sb_body_displacements(body)[j])));
+        CHECK_NEAR(worst, 0,
+                   scene_tolerance(1e-6, 1e4) * (double)sb_v3_norm(sb_body_displacements(twin)[mesh.node_count - 1]));
         sb_body_destroy(twin);
     }
     sb_body_destroy(body);

@@ -10,7 +10,8 @@ enum { ELEMENT_TYPES = (int)(sizeof element_types / sizeof element_types[0]), EL
 /* 1 for quads and hexes, whose parameters lie in [-1, 1]. */
 static int element_is_box(sb_element_type type)
 {
-    return sb_element_corner_count(type) == 8 || (sb_element_dimension(type) == 2 && sb_element_corner_count(type) == 4);
+    return sb_element_corner_count(type) == 8 ||
+           (sb_element_dimension(type) == 2 && sb_element_corner_count(type) == 4);
 }
 
 static double element_eps(double factor) { return factor * (double)SB_EPSILON; }
@@ -25,15 +26,14 @@ static void element_random_point(sb_element_type type, unsigned long long *seed,
         sum += r[k];
     }
     for (int k = 0; k < 3; k++)
-        xi[k] =
-            (sb_real)(box && k < sb_element_dimension(type) ? 2 * r[k] - 1 : (sum > 1 ? r[k] / sum : r[k]));
+        xi[k] = (sb_real)(box && k < sb_element_dimension(type) ? 2 * r[k] - 1 : (sum > 1 ? r[k] / sum : r[k]));
 }
 
 static void test_counts(void)
 {
-    static const int expected[ELEMENT_TYPES][5] = {{3, 3, 2, 0, 3},   {6, 3, 2, 0, 3},  {4, 4, 2, 0, 4},  {8, 4, 2, 0, 4},
-                                                   {9, 4, 2, 0, 4},   {4, 4, 3, 4, 6},  {10, 4, 3, 4, 6}, {8, 8, 3, 6, 12},
-                                                   {20, 8, 3, 6, 12}, {27, 8, 3, 6, 12}};
+    static const int expected[ELEMENT_TYPES][5] = {
+        {3, 3, 2, 0, 3}, {6, 3, 2, 0, 3},  {4, 4, 2, 0, 4},  {8, 4, 2, 0, 4},   {9, 4, 2, 0, 4},
+        {4, 4, 3, 4, 6}, {10, 4, 3, 4, 6}, {8, 8, 3, 6, 12}, {20, 8, 3, 6, 12}, {27, 8, 3, 6, 12}};
     static const char *const names[ELEMENT_TYPES] = {"tri3", "tri6",  "quad4", "quad8", "quad9",
                                                      "tet4", "tet10", "hex8",  "hex20", "hex27"};
     for (int t = 0; t < ELEMENT_TYPES; t++) {
@@ -111,8 +111,7 @@ static void test_completeness(void)
     for (int i = 0; i < 20 * ELEMENT_TYPES; i++) {
         sb_element_type type = element_types[i % ELEMENT_TYPES];
         sb_real xi[3], at[3], shape[SB_MAX_ELEMENT_NODES], gradient[SB_MAX_ELEMENT_NODES][3];
-        double sum = 0, point[3] = {0, 0, 0}, slope[3] = {0, 0, 0},
-               map[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+        double sum = 0, point[3] = {0, 0, 0}, slope[3] = {0, 0, 0}, map[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
         int dimension = sb_element_dimension(type);
         element_random_point(type, &seed, xi);
         sb_element_shape(type, xi, shape, gradient);
@@ -139,12 +138,10 @@ static void test_completeness(void)
 static void test_gradient_by_differences(void)
 {
     unsigned long long seed = 2;
-    double h =
-        SB_REAL_IS_FLOAT ? 1.0 / 64 : 1.0 / 4096; /* shapes are at most quadratic along an axis: exact */
+    double h = SB_REAL_IS_FLOAT ? 1.0 / 64 : 1.0 / 4096; /* shapes are at most quadratic along an axis: exact */
     for (int i = 0; i < 10 * ELEMENT_TYPES; i++) {
         sb_element_type type = element_types[i % ELEMENT_TYPES];
-        sb_real xi[3], gradient[SB_MAX_ELEMENT_NODES][3], up[SB_MAX_ELEMENT_NODES],
-            down[SB_MAX_ELEMENT_NODES];
+        sb_real xi[3], gradient[SB_MAX_ELEMENT_NODES][3], up[SB_MAX_ELEMENT_NODES], down[SB_MAX_ELEMENT_NODES];
         element_random_point(type, &seed, xi);
         sb_element_shape(type, xi, NULL, gradient);
         for (int k = 0; k < sb_element_dimension(type); k++) {
@@ -197,8 +194,7 @@ static void test_faces(void)
     for (int t = ELEMENT_SURFACES; t < ELEMENT_TYPES; t++) {
         sb_element_type type = element_types[t], face_type = SB_NO_ELEMENT;
         int directed[8][8] = {{0}}, nodes[SB_MAX_FACE_NODES];
-        sb_vec3 centre =
-            element_is_box(type) ? sb_v3(0, 0, 0) : sb_v3((sb_real)0.25, (sb_real)0.25, (sb_real)0.25);
+        sb_vec3 centre = element_is_box(type) ? sb_v3(0, 0, 0) : sb_v3((sb_real)0.25, (sb_real)0.25, (sb_real)0.25);
         for (int f = 0; f < sb_element_face_count(type); f++) {
             int count = sb_element_face(type, f, nodes, &face_type), corners, edge[3];
             sb_vec3 x0, x1, x2;
@@ -206,15 +202,14 @@ static void test_faces(void)
             CHECK_INT(face_type, expected[t - ELEMENT_SURFACES]);
             CHECK_INT(sb_element_face(type, f, nodes, NULL), count);
             corners = sb_element_corner_count(face_type);
-            x0 = element_node(type, nodes[0]), x1 = element_node(type, nodes[1]),
-            x2 = element_node(type, nodes[2]);
+            x0 = element_node(type, nodes[0]), x1 = element_node(type, nodes[1]), x2 = element_node(type, nodes[2]);
             CHECK(sb_v3_dot(sb_v3_cross(sb_v3_sub(x1, x0), sb_v3_sub(x2, x0)), sb_v3_sub(x0, centre)) > 0);
             for (int c = 0; c < corners; c++)
                 directed[nodes[c]][nodes[(c + 1) % corners]]++;
             for (int i = 0; i < sb_element_edge_count(face_type); i++) {
                 if (sb_element_edge(face_type, i, edge) == 3) {
-                    sb_vec3 middle = element_middle(element_node(type, nodes[edge[0]]),
-                                                    element_node(type, nodes[edge[1]]));
+                    sb_vec3 middle =
+                        element_middle(element_node(type, nodes[edge[0]]), element_node(type, nodes[edge[1]]));
                     CHECK(sb_v3_norm(sb_v3_sub(element_node(type, nodes[edge[2]]), middle)) == 0);
                 }
             }
@@ -303,8 +298,8 @@ static void test_quadrature_degree(void)
         for (int i = 0; i <= d + 1; i++) {
             for (int j = 0; i + j <= d + 1; j++) {
                 for (int k = 0; i + j + k <= d + 1 && k <= (flat ? 0 : d + 1); k++) {
-                    double error = element_integrate(count, points, weights, i, j, k) -
-                                   element_monomial(rule->type, i, j, k);
+                    double error =
+                        element_integrate(count, points, weights, i, j, k) - element_monomial(rule->type, i, j, k);
                     if (i + j + k <= d)
                         CHECK_NEAR(error, 0, element_eps(64));
                     else
@@ -405,8 +400,7 @@ static int element_read(const char *path, int element, int nodes, double x[][3])
 static void element_compare_points(const char *folder, sb_element_type type, int points_expected)
 {
     char path[512], name[256], line[512];
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS],
-        shape[SB_MAX_ELEMENT_NODES];
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], shape[SB_MAX_ELEMENT_NODES];
     double x[SB_MAX_ELEMENT_NODES][3], p[3];
     int compared = 0, element, ip, nodes = sb_element_node_count(type);
     FILE *stress;
@@ -509,7 +503,8 @@ static void test_table_counts(void)
     bad = good, bad.node_points = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "node_points is NULL");
     bad = good, bad.shape = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "shape is NULL");
     bad = good, bad.points = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "points or weights is NULL");
-    bad = good, bad.mass_weights = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "mass_points or mass_weights is NULL");
+    bad = good, bad.mass_weights = NULL,
+    element_refused(&bad, SB_ERROR_ARGUMENT, "mass_points or mass_weights is NULL");
     bad = good, bad.faces = NULL, element_refused(&bad, SB_ERROR_ARGUMENT, "faces is NULL");
     bad = good, bad.node_count = 28, element_refused(&bad, SB_ERROR_ARGUMENT, "28 nodes");
     bad = good, bad.node_count = -1, element_refused(&bad, SB_ERROR_ARGUMENT, "-1 nodes");
@@ -587,11 +582,11 @@ static void test_table_numbers(void)
 CHECK_SUITE(element, {"counts and names", test_counts}, {"unknown types and numbers", test_unknown},
             {"shape functions are 1 at their node", test_kronecker},
             {"shape functions reproduce linear fields", test_completeness},
-            {"gradients by differences", test_gradient_by_differences}, {"edges", test_edges},
-            {"faces", test_faces}, {"quadrature degrees", test_quadrature_degree},
-            {"quadrature points inside", test_quadrature_points_inside},
+            {"gradients by differences", test_gradient_by_differences}, {"edges", test_edges}, {"faces", test_faces},
+            {"quadrature degrees", test_quadrature_degree}, {"quadrature points inside", test_quadrature_points_inside},
             {"point order of tet10 as in the reference", test_point_order_tet10},
             {"point order of hex8 as in the reference", test_point_order_hex8},
             {"point order of hex20 as in the reference", test_point_order_hex20},
-            {"areas and functions of faces", test_face_areas}, {"element tables: counts and pointers", test_table_counts},
-            {"element tables: faces", test_table_faces}, {"element tables: numbers", test_table_numbers});
+            {"areas and functions of faces", test_face_areas},
+            {"element tables: counts and pointers", test_table_counts}, {"element tables: faces", test_table_faces},
+            {"element tables: numbers", test_table_numbers});

@@ -163,9 +163,9 @@ static void test_parameters(void)
             memset(&made[i], 0, sizeof made[i]);
             made[i].element = (int)check_random_in(&seed, 0, mesh.element_count - 0.01);
             for (int k = 0; k < 3; k++)
-                made[i].xi[k] = REAL(sb_element_straight(mesh.element_type) == SB_HEX8
-                                         ? check_random_in(&seed, -0.98, 0.98)
-                                         : check_random_in(&seed, 0.01, 0.33));
+                made[i].xi[k] =
+                    REAL(sb_element_straight(mesh.element_type) == SB_HEX8 ? check_random_in(&seed, -0.98, 0.98)
+                                                                           : check_random_in(&seed, 0.01, 0.33));
             points[i] = embed_place(&mesh, &made[i]);
         }
         embedding = embed_points(&mesh, points, COUNT, SB_EMBED_SMOOTH);
@@ -194,8 +194,8 @@ static void test_ball(void)
         sb_embedding *embedding;
         double worst = 0;
         memset(&mesh, 0, sizeof mesh);
-        CHECK_OK(sb_mesh_ellipsoid(t ? SB_HEX8 : SB_TET10, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 12, NULL, &mesh,
-                                   NULL));
+        CHECK_OK(
+            sb_mesh_ellipsoid(t ? SB_HEX8 : SB_TET10, sb_v3(REAL(0.1), REAL(0.1), REAL(0.1)), 12, NULL, &mesh, NULL));
         for (int i = 0; i < COUNT; i++) {
             sb_vec3 v = sb_v3(REAL(check_random_in(&seed, -1, 1)), REAL(check_random_in(&seed, -1, 1)),
                               REAL(check_random_in(&seed, -1, 1)));

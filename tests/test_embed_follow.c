@@ -1,4 +1,5 @@
-/* Embeddings follow the changes of a body's mesh: points keep their material, forces their sums, bits what they were. */
+/* Embeddings follow the changes of a body's mesh: points keep their material, forces their sums, bits what they
+ * were. */
 #include "softbody.h"
 
 #include "check.h"
@@ -82,7 +83,8 @@ static void follow_make_organ(follow_case *c, sb_embedding_kind kind, int cells,
             c->points[i] = sb_v3_madd(c->points[i], REAL(shares[a] / sum), c->mesh.nodes[cell[a]]);
         c->normals[i] = follow_direction(seed);
         if (i % 5 == 0)
-            c->points[i] = sb_v3_add(c->points[i], sb_v3_scale(REAL(check_random_in(seed, -0.1, 0.1)), sb_v3_sub(high, low)));
+            c->points[i] =
+                sb_v3_add(c->points[i], sb_v3_scale(REAL(check_random_in(seed, -0.1, 0.1)), sb_v3_sub(high, low)));
     }
     follow_embed(c, kind, NULL, 0.3);
 }
@@ -128,14 +130,15 @@ static sb_result follow_split(sb_body *body, follow_op *o, sb_body_change *chang
     weights[1] = 1 - weights[0];
     for (int e = 0; e < sb_body_element_count(body); e++) {
         const int *nodes = sb_body_cell_nodes(body, e);
-        if (nodes && follow_has(nodes, 4, o->corners[0]) && follow_has(nodes, 4, o->corners[1]) && o->cells < FOLLOW_RING) {
+        if (nodes && follow_has(nodes, 4, o->corners[0]) && follow_has(nodes, 4, o->corners[1]) &&
+            o->cells < FOLLOW_RING) {
             o->cell[o->cells] = e;
             memcpy(o->nodes[o->cells++], nodes, 4 * sizeof(int));
         }
     }
-    result = sb_body_change_add_node(change,
-                                     sb_v3_add(sb_v3_scale(weights[0], x[o->corners[0]]), sb_v3_scale(weights[1], x[o->corners[1]])),
-                                     o->corners, weights, 2, 0, &o->node, NULL);
+    result = sb_body_change_add_node(
+        change, sb_v3_add(sb_v3_scale(weights[0], x[o->corners[0]]), sb_v3_scale(weights[1], x[o->corners[1]])),
+        o->corners, weights, 2, 0, &o->node, NULL);
     for (int i = 0; i < 2 * o->cells && result == SB_OK; i++) {
         sb_change_cell cell = sb_default_change_cell();
         int nodes[4];
@@ -170,8 +173,9 @@ static sb_result follow_change(sb_body *body, follow_op *o, int kind, int width,
         weights[0] = 1 - step;
         weights[1] = step;
         result = sb_body_change_move_node(
-            change, o->node, sb_v3_madd(sb_v3_scale(weights[0], o->from), step, sb_body_rest_positions(body)[o->corners[1]]),
-            o->corners, weights, 2, NULL);
+            change, o->node,
+            sb_v3_madd(sb_v3_scale(weights[0], o->from), step, sb_body_rest_positions(body)[o->corners[1]]), o->corners,
+            weights, 2, NULL);
     } else {
         o->cell[0] = cell;
         o->cells = 1;
@@ -225,7 +229,8 @@ static sb_vec3 follow_affine(sb_vec3 x, int rigid)
 {
     if (rigid)
         return sb_v3(REAL(0.6) * x.x - REAL(0.8) * x.y + 1, REAL(0.8) * x.x + REAL(0.6) * x.y, x.z - REAL(0.5));
-    return sb_v3(REAL(1.1) * x.x + REAL(0.2) * x.y, REAL(0.9) * x.y - REAL(0.1) * x.z, x.z + REAL(0.3) * x.x + REAL(0.1));
+    return sb_v3(REAL(1.1) * x.x + REAL(0.2) * x.y, REAL(0.9) * x.y - REAL(0.1) * x.z,
+                 x.z + REAL(0.3) * x.x + REAL(0.1));
 }
 
 static sb_vec3 follow_bend(sb_vec3 x)
@@ -252,7 +257,8 @@ static void follow_check(follow_case *c, sb_embedding_kind kind)
             if (way < 2 || kind == SB_EMBED_PLAIN || place.hold == SB_EMBEDDED_INSIDE)
                 worst = fmax(worst, follow_off(c->out[p], truth));
             if (way == 0)
-                worst = fmax(worst, 0.1 * follow_off(c->out_normals[p], sb_v3_scale(1 / sb_v3_norm(c->normals[p]), c->normals[p])));
+                worst = fmax(worst, 0.1 * follow_off(c->out_normals[p],
+                                                     sb_v3_scale(1 / sb_v3_norm(c->normals[p]), c->normals[p])));
         }
     }
     if (!CHECK(worst < tolerance))
@@ -263,7 +269,7 @@ static void follow_check(follow_case *c, sb_embedding_kind kind)
         sb_vec3 turn = sb_v3_cross(at, force);
         double sign = i < nodes ? 1 : -1;
         const double all[6] = {(double)force.x, (double)force.y, (double)force.z,
-                               (double)turn.x, (double)turn.y, (double)turn.z};
+                               (double)turn.x,  (double)turn.y,  (double)turn.z};
         for (int k = 0; k < 6; k++)
             moment[k] += sign * all[k];
     }
@@ -302,7 +308,8 @@ static double follow_against_fresh(follow_case *c, int *compared)
         CHECK_OK(sb_embedding_get_point(fresh, p, &b));
         if (a.hold == SB_EMBEDDED_INSIDE)
             CHECK(b.hold == SB_EMBEDDED_INSIDE);
-        if (a.hold == b.hold && a.hold != SB_EMBEDDED_FRAME) { /* of a point closest to an edge, either face may hold the frame */
+        if (a.hold == b.hold &&
+            a.hold != SB_EMBEDDED_FRAME) { /* of a point closest to an edge, either face may hold the frame */
             worst = fmax(worst, follow_off(c->out[p], c->out_normals[p]));
             ++*compared;
         }
@@ -351,8 +358,8 @@ static void test_follow_random(void)
     }
 }
 
-/* Changes near each other, as of a needle or a blade, on organs: the material is kept, and updates have the same bits on
- * any number of threads. */
+/* Changes near each other, as of a needle or a blade, on organs: the material is kept, and updates have the same bits
+ * on any number of threads. */
 static void test_follow_organs(void)
 {
     for (int round = 0; round < (check_quick() ? 3 : 10); round++) {
@@ -610,9 +617,7 @@ static void test_follow_state(void)
 }
 
 CHECK_SUITE(embed_follow, {"random changes", test_follow_random}, {"organs", test_follow_organs},
-            {"other elements", test_follow_elements},
-            {"the inverse order gives back all bits", test_follow_inverse},
-            {"every allocation fails", test_follow_memory},
-            {"followed again without memory", test_follow_again},
+            {"other elements", test_follow_elements}, {"the inverse order gives back all bits", test_follow_inverse},
+            {"every allocation fails", test_follow_memory}, {"followed again without memory", test_follow_again},
             {"states without memory", test_follow_state_without_memory},
             {"changes that allocated once", test_follow_no_allocations}, {"states and ends", test_follow_state});

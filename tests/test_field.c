@@ -173,8 +173,9 @@ static void test_laplace(void)
             double sum = 0;
             for (int k = 0; k < 6; k++) {
                 sb_real side = k % 2 ? cell : -cell;
-                CHECK(reg_field_at(field, sb_v3_add(x, sb_v3(k / 2 == 0 ? side : 0, k / 2 == 1 ? side : 0,
-                                                             k / 2 == 2 ? side : 0)), -1, &phi, NULL));
+                CHECK(reg_field_at(
+                    field, sb_v3_add(x, sb_v3(k / 2 == 0 ? side : 0, k / 2 == 1 ? side : 0, k / 2 == 2 ? side : 0)), -1,
+                    &phi, NULL));
                 sum += (double)phi / 6;
             }
             CHECK(reg_field_at(field, x, -1, &phi, NULL));

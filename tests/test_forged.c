@@ -8,7 +8,7 @@
 typedef struct forged {
     void *user;
     sb_result (*load)(void *user, const unsigned char *image, size_t size, sb_error *error);
-    void (*live)(void *user);   /* after a load that was taken */
+    void (*live)(void *user); /* after a load that was taken */
     const unsigned char *image;
     size_t begin, size; /* what lies before `begin` is left alone */
 } forged;
@@ -200,7 +200,8 @@ static void test_remesh(void)
     if (make_patient(&p)) {
         counts sum = forge(&p.as_remesh, p.as_remesh.size, 1);
         CHECK(sum.refused > 4 * sum.taken);
-        printf("remesher: %lu bytes, %d refused, %d taken\n", (unsigned long)(p.as_remesh.size - p.as_remesh.begin), sum.refused, sum.taken);
+        printf("remesher: %lu bytes, %d refused, %d taken\n", (unsigned long)(p.as_remesh.size - p.as_remesh.begin),
+               sum.refused, sum.taken);
     }
     free_patient(&p);
 }
@@ -409,5 +410,5 @@ static void test_recording(void)
     sb_mesh_free(&p.mesh);
 }
 
-CHECK_SUITE(forged, {"a cursor", test_cursor}, {"changed body", test_changed_body},
-            {"remesher", test_remesh}, {"rod", test_rod}, {"body", test_body}, {"recording", test_recording});
+CHECK_SUITE(forged, {"a cursor", test_cursor}, {"changed body", test_changed_body}, {"remesher", test_remesh},
+            {"rod", test_rod}, {"body", test_body}, {"recording", test_recording});

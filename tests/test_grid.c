@@ -142,7 +142,8 @@ static void test_volumes(void)
     for (int shape = 0; shape < 2; shape++)
         for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++)
             for (int level = 1; level <= (method == SB_GRID_FINITE_CELL ? 3 : 5); level++) {
-                solid s = shape ? make_cylinder(0.05, 0.12) : make_ball(sb_v3(REAL(0.003), REAL(-0.002), REAL(0.005)), 0.05);
+                solid s =
+                    shape ? make_cylinder(0.05, 0.12) : make_ball(sb_v3(REAL(0.003), REAL(-0.002), REAL(0.005)), 0.05);
                 sb_grid_def def = make_def(&s, sb_v3(REAL(-0.061), REAL(-0.063), REAL(-0.06)),
                                            sb_v3(REAL(0.064), REAL(0.062), shape ? REAL(0.13) : REAL(0.065)), 6, 6, 6);
                 double exact = shape ? pi * 0.0025 * 0.12 : 4.0 / 3 * pi * 0.000125, volume;
@@ -164,7 +165,8 @@ static void test_volumes(void)
             }
 }
 
-/* Kept cells are those that touch the inside, whatever the level; weighted cells have the same points at all of them. */
+/* Kept cells are those that touch the inside, whatever the level; weighted cells have the same points at all of
+ * them. */
 static void test_cells_do_not_depend_on_level(void)
 {
     solid s = make_cylinder(0.05, 0.12);
@@ -320,8 +322,8 @@ static void test_crossing_surface(void)
 static void test_unknown_slope(void)
 {
     solid ball = make_ball(sb_v3(0, 0, 0), 0.05);
-    sb_grid_def def = make_def(&ball, sb_v3(REAL(-0.06), REAL(-0.06), REAL(-0.06)), sb_v3(REAL(0.06), REAL(0.06), REAL(0.06)),
-                               6, 6, 6);
+    sb_grid_def def = make_def(&ball, sb_v3(REAL(-0.06), REAL(-0.06), REAL(-0.06)),
+                               sb_v3(REAL(0.06), REAL(0.06), REAL(0.06)), 6, 6, 6);
     for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++) {
         sb_grid known, unknown;
         def.method = (sb_grid_method)method;
@@ -449,10 +451,11 @@ static void test_explicit_steps_of_cut_cells(void)
     for (int k = 0; k < 24; k++) {
         double thin = pow(10, check_random_in(&seed, -6, -0.3)) / 6; /* what sticks into the last cells */
         double from = 1.0 / 6 - thin, to = 5.0 / 6 + thin;
-        sb_vec3 middle = sb_v3(REAL(check_random_in(&seed, 0.45, 0.55)), REAL(check_random_in(&seed, 0.45, 0.55)),
-                               REAL(0.5));
-        solid s = k % 2 ? make_ball(middle, check_random_in(&seed, 0.3, 0.44))
-                        : make_box(sb_v3(REAL(from), REAL(from), REAL(from)), sb_v3(REAL(to), REAL(5.0 / 6), REAL(0.7)));
+        sb_vec3 middle =
+            sb_v3(REAL(check_random_in(&seed, 0.45, 0.55)), REAL(check_random_in(&seed, 0.45, 0.55)), REAL(0.5));
+        solid s = k % 2
+                      ? make_ball(middle, check_random_in(&seed, 0.3, 0.44))
+                      : make_box(sb_v3(REAL(from), REAL(from), REAL(from)), sb_v3(REAL(to), REAL(5.0 / 6), REAL(0.7)));
         inertia found, exact;
         def.outer = make_shape(&s, 0);
         def.method = k / 2 % 2 ? SB_GRID_FINITE_CELL : SB_GRID_WEIGHTED_CELL;
@@ -525,7 +528,8 @@ static void test_scale(void)
         double scale = k == 0 ? 1e-3 : k == 1 ? 1 : 1e3;
         solid s = make_ball(sb_v3(0, 0, 0), 0.05 * scale);
         double reach = 0.0513 * scale;
-        sb_grid_def def = make_def(&s, sb_v3(REAL(-reach), REAL(-reach), REAL(-reach)), sb_v3(REAL(reach), REAL(reach), REAL(reach)), 5, 5, 5);
+        sb_grid_def def = make_def(&s, sb_v3(REAL(-reach), REAL(-reach), REAL(-reach)),
+                                   sb_v3(REAL(reach), REAL(reach), REAL(reach)), 5, 5, 5);
         sb_grid grid = make_grid(&def);
         cells[k] = grid.mesh.element_count;
         shares[k] = (double)grid.volume / (scale * scale * scale);
@@ -546,7 +550,8 @@ static void test_regions(void)
               hole = make_ball(sb_v3(REAL(0.01), 0, 0), 0.012),
               half = make_box(sb_v3(REAL(-0.1), REAL(-0.1), REAL(-0.1)), sb_v3(REAL(-0.03), REAL(0.1), REAL(0.1)));
         sb_shape inner[4];
-        sb_grid_def def = make_def(&outer, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 7, 7, 7);
+        sb_grid_def def = make_def(&outer, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)),
+                                   sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 7, 7, 7);
         double cap = pi * 0.02 * 0.02 * (0.15 - 0.02) / 3, ball = 4.0 / 3 * pi, volumes[3], mass = 0;
         sb_grid grid;
         sb_body_def body_def;
@@ -592,8 +597,8 @@ static void test_regions(void)
     }
 }
 
-/* Mean displacement of a bar's end under a pull: two materials one after the other (interface at `cut` of the length), or
- * side by side. nu is 0, so that closed forms are exact. */
+/* Mean displacement of a bar's end under a pull: two materials one after the other (interface at `cut` of the length),
+ * or side by side. nu is 0, so that closed forms are exact. */
 static double pull_bar(int method, int level, int side_by_side, double cut)
 {
     const double length = 0.12, width = 0.04, pull = 10; /* m, m, Pa */
@@ -633,7 +638,8 @@ static double pull_bar(int method, int level, int side_by_side, double cut)
         for (int i = 0; i < grid.mesh.node_count; i++)
             if ((double)grid.mesh.nodes[i].x > length - 1e-6) {
                 sb_vec3 x = grid.mesh.nodes[i];
-                int edges = ((double)x.y < 1e-6 || (double)x.y > width - 1e-6) + ((double)x.z < 1e-6 || (double)x.z > width - 1e-6);
+                int edges = ((double)x.y < 1e-6 || (double)x.y > width - 1e-6) +
+                            ((double)x.z < 1e-6 || (double)x.z > width - 1e-6);
                 sb_vec3 share = sb_v3_scale(edges == 0 ? 1 : edges == 1 ? REAL(0.5) : REAL(0.25), force);
                 CHECK_OK(sb_body_add_forces(body, &i, 1, &share, 1));
             }
@@ -679,12 +685,13 @@ static void test_rows(void)
 {
     solid s = make_ball(sb_v3(0, 0, 0), 0.05);
     sb_mesh surface = ball_surface(0.05, 10);
-    sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 3, 4, 5);
+    sb_grid_def def =
+        make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 3, 4, 5);
     sb_grid grid = make_grid(&def);
     sb_grid_rows points, patch;
     sb_vec3 far[2], *out = (sb_vec3 *)malloc((size_t)surface.node_count * sizeof(sb_vec3));
-    sb_vec3 *forces = (sb_vec3 *)calloc((size_t)grid.mesh.node_count, sizeof(sb_vec3)), force = sb_v3(0, 0, 0), moment = force,
-            traction = sb_v3(REAL(3), REAL(-7), REAL(11));
+    sb_vec3 *forces = (sb_vec3 *)calloc((size_t)grid.mesh.node_count, sizeof(sb_vec3)), force = sb_v3(0, 0, 0),
+            moment = force, traction = sb_v3(REAL(3), REAL(-7), REAL(11));
     sb_error error;
     double area = 0, scale = 0.05;
     /* rows give positions back, outside of the kept cells too */
@@ -697,8 +704,9 @@ static void test_rows(void)
         sb_vec3 low = grid.mesh.nodes[grid.mesh.elements[8 * e]], high = grid.mesh.nodes[grid.mesh.elements[8 * e + 6]];
         sb_vec3 x = points.points[j];
         double rim = 1e-6;
-        CHECK((double)x.x > (double)low.x - rim && (double)x.x < (double)high.x + rim && (double)x.y > (double)low.y - rim &&
-              (double)x.y < (double)high.y + rim && (double)x.z > (double)low.z - rim && (double)x.z < (double)high.z + rim);
+        CHECK((double)x.x > (double)low.x - rim && (double)x.x < (double)high.x + rim &&
+              (double)x.y > (double)low.y - rim && (double)x.y < (double)high.y + rim &&
+              (double)x.z > (double)low.z - rim && (double)x.z < (double)high.z + rim);
     }
     sb_grid_rows_free(&points);
     far[0] = sb_v3(REAL(0.06), REAL(0.01), 0);
@@ -851,7 +859,8 @@ static probes reference_probes(const char *name)
     while (fgets(line, sizeof line, file)) {
         int node;
         double u[3];
-        if (line[0] != '#' && sscanf(line, "%d %lf %lf %lf", &node, &u[0], &u[1], &u[2]) == 4 && node >= 0 && node < mesh.node_count)
+        if (line[0] != '#' && sscanf(line, "%d %lf %lf %lf", &node, &u[0], &u[1], &u[2]) == 4 && node >= 0 &&
+            node < mesh.node_count)
             p.u[node] = sb_v3(REAL(u[0]), REAL(u[1]), REAL(u[2])), p.count++;
     }
     fclose(file);
@@ -868,13 +877,13 @@ static void free_probes(probes *p)
 }
 
 typedef struct study {
-    int stretch;     /* 0: bent */
-    int across;      /* cells over the diameter */
-    double offset;   /* of the grid across, in cells; > 0: a cell more, so that all cuts move */
+    int stretch;   /* 0: bent */
+    int across;    /* cells over the diameter */
+    double offset; /* of the grid across, in cells; > 0: a cell more, so that all cuts move */
     sb_grid_method method;
     int level;
     double void_stiffness;
-    int penalty;     /* 1: clamped through penalty rows on the base */
+    int penalty; /* 1: clamped through penalty rows on the base */
 } study;
 
 static double study_length(const study *s) { return s->stretch ? 0.05 : 0.6; }
@@ -883,9 +892,10 @@ static sb_grid study_grid(const study *s)
 {
     solid c = make_cylinder(0.05, study_length(s));
     double edge = 0.1 / s->across, shift = s->offset * edge, more = s->offset > 0 ? edge : 0;
-    sb_grid_def def = make_def(&c, sb_v3(REAL(-0.05 - shift), REAL(-0.05 - shift), 0),
-                               sb_v3(REAL(0.05 - shift + more), REAL(0.05 - shift + more), REAL(study_length(s))),
-                               s->across + (s->offset > 0), s->across + (s->offset > 0), (int)(study_length(s) / edge + 0.5));
+    sb_grid_def def =
+        make_def(&c, sb_v3(REAL(-0.05 - shift), REAL(-0.05 - shift), 0),
+                 sb_v3(REAL(0.05 - shift + more), REAL(0.05 - shift + more), REAL(study_length(s))),
+                 s->across + (s->offset > 0), s->across + (s->offset > 0), (int)(study_length(s) / edge + 0.5));
     def.method = s->method;
     def.level = s->level;
     def.void_stiffness = REAL(s->void_stiffness);
@@ -944,7 +954,8 @@ static void load_study(const study *s, const sb_grid *grid, sb_body *body)
 static sb_vec3 *solve_study(const study *s, const probes *p, sb_step_info *info)
 {
     sb_grid grid = study_grid(s);
-    sb_body_def def = grid_body_def(&grid, sb_material_neo_hookean_isochoric(REAL(961.5384615384615), REAL(0.00048), REAL(1000)));
+    sb_body_def def =
+        grid_body_def(&grid, sb_material_neo_hookean_isochoric(REAL(961.5384615384615), REAL(0.00048), REAL(1000)));
     sb_body *body = scene_body(&def);
     sb_static_options options = sb_default_static_options();
     sb_vec3 *u = (sb_vec3 *)calloc((size_t)p->count, sizeof(sb_vec3));
@@ -953,7 +964,8 @@ static sb_vec3 *solve_study(const study *s, const probes *p, sb_step_info *info)
     load_study(s, &grid, body);
     options.tolerance = REAL(scene_tolerance(1e-6, 300));
     if (!CHECK_OK(sb_body_solve_static(body, &options, info ? info : &own)))
-        printf("    method %d, level %d, %d across: %s\n", (int)s->method, s->level, s->across, (info ? info : &own)->error.message);
+        printf("    method %d, level %d, %d across: %s\n", (int)s->method, s->level, s->across,
+               (info ? info : &own)->error.message);
     if (CHECK_OK(sb_grid_map_points(&grid, p->x, p->count, NULL, &rows, NULL)))
         sb_mapping_apply(&rows.rows, sb_body_displacements(body), u);
     sb_grid_rows_free(&rows);
@@ -1005,8 +1017,8 @@ static void test_weighted_follows_finite_cell(void)
                 s.method = SB_GRID_WEIGHTED_CELL;
                 wc = solve_study(&s, &net, NULL);
                 apart = difference(wc, fc, net.count);
-                printf("%s, level %d, grid %s: weighted cell %.2f %% from finite cell\n", stretch ? "stretch" : "bend", level,
-                       shifted ? "shifted" : "centred", 100 * apart);
+                printf("%s, level %d, grid %s: weighted cell %.2f %% from finite cell\n", stretch ? "stretch" : "bend",
+                       level, shifted ? "shifted" : "centred", 100 * apart);
                 CHECK(apart < 0.05);
                 free(fc);
                 free(wc);
@@ -1058,7 +1070,7 @@ static void test_stretch_survives(void)
             CHECK_NEAR(info.load_factor, 1, 0);
             CHECK_NEAR(u[net.count - 1].z, 0.1, 1e-3 * 0.1);
             CHECK_NEAR(u[10 * 9 + 8].z, 0.05, 0.01 * 0.05); /* the middle of it */
-            if (level == 3 && shift == 1) { /* what holds the void is no part of the answer */
+            if (level == 3 && shift == 1) {                 /* what holds the void is no part of the answer */
                 s.void_stiffness = 1e-6;
                 plain = solve_study(&s, &net, NULL);
                 CHECK(difference(u, plain, net.count) < 1e-3);
@@ -1093,8 +1105,8 @@ static sb_grid shifted_block(double shift, double void_stiffness)
 {
     solid block = make_box(sb_v3(0, 0, 0), sb_v3(REAL(3 + shift), REAL(3 + shift), REAL(6 + shift)));
     int extra = shift > 0;
-    sb_grid_def def = make_def(&block, sb_v3(0, 0, 0), sb_v3(REAL(3 + extra), REAL(3 + extra), REAL(6 + extra)), 3 + extra,
-                               3 + extra, 6 + extra);
+    sb_grid_def def = make_def(&block, sb_v3(0, 0, 0), sb_v3(REAL(3 + extra), REAL(3 + extra), REAL(6 + extra)),
+                               3 + extra, 3 + extra, 6 + extra);
     def.level = shift > 0 ? 6 : 1;
     def.void_stiffness = REAL(void_stiffness);
     return make_grid(&def);
@@ -1163,7 +1175,8 @@ static void test_cut_cells_and_iterations(void)
 static void test_free_fall(void)
 {
     solid s = make_ball(sb_v3(REAL(0.001), REAL(0.002), 0), 0.05);
-    sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.055), REAL(0.055), REAL(0.055)), 5, 5, 5);
+    sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)),
+                               sb_v3(REAL(0.055), REAL(0.055), REAL(0.055)), 5, 5, 5);
     for (int kind = SB_MASS_LUMPED; kind <= SB_MASS_CONSISTENT; kind++) {
         sb_grid grid = make_grid(&def);
         sb_body_def body_def = grid_body_def(&grid, sb_material_corotated(REAL(5000), REAL(0.4), REAL(1000)));
@@ -1180,7 +1193,8 @@ static void test_free_fall(void)
         v = (double)sb_body_momentum(body).z / mass;
         CHECK_NEAR(v, -0.981, scene_tolerance(1e-6, 1e4));
         for (int i = 0; i < grid.mesh.node_count; i++)
-            CHECK_NEAR(sb_body_velocities(body)[i].z, -0.981, kind == SB_MASS_CONSISTENT ? scene_tolerance(1e-5, 1e5) : 0.05);
+            CHECK_NEAR(sb_body_velocities(body)[i].z, -0.981,
+                       kind == SB_MASS_CONSISTENT ? scene_tolerance(1e-5, 1e5) : 0.05);
         sb_body_destroy(body);
         sb_grid_free(&grid);
     }
@@ -1325,7 +1339,8 @@ static void test_allocation_failures(void)
     for (int method = SB_GRID_FINITE_CELL; method <= SB_GRID_WEIGHTED_CELL; method++) {
         scene_memory memory = {0, 0, 0};
         sb_allocator allocator = scene_allocator(&memory);
-        sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)), sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 3, 3, 3);
+        sb_grid_def def = make_def(&s, sb_v3(REAL(-0.05), REAL(-0.05), REAL(-0.05)),
+                                   sb_v3(REAL(0.05), REAL(0.05), REAL(0.05)), 3, 3, 3);
         sb_vec3 point = sb_v3(0, 0, 0);
         sb_grid grid;
         sb_grid_rows rows;
@@ -1357,10 +1372,11 @@ CHECK_SUITE(grid, {"volumes and moments by level", test_volumes},
             {"explicit steps of cut cells", test_explicit_steps_of_cut_cells},
             {"cells and points do not depend on the level", test_cells_do_not_depend_on_level},
             {"a block that fills its cells", test_aligned_block_is_plain_mesh},
-            {"a surface that crosses itself", test_crossing_surface}, {"unknown slope", test_unknown_slope}, {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
-            {"a surface inside out", test_inside_out},
-            {"scale", test_scale}, {"regions and holes", test_regions}, {"bars of two materials", test_two_materials},
-            {"rows of points and tractions", test_rows}, {"triangles larger than cells", test_coarse_triangles},
+            {"a surface that crosses itself", test_crossing_surface}, {"unknown slope", test_unknown_slope},
+            {"surfaces, threads and progress", test_surfaces_and_jobs}, {"a surface with a hole", test_open_surface},
+            {"a surface inside out", test_inside_out}, {"scale", test_scale}, {"regions and holes", test_regions},
+            {"bars of two materials", test_two_materials}, {"rows of points and tractions", test_rows},
+            {"triangles larger than cells", test_coarse_triangles},
             {"weighted cells follow finite cells", test_weighted_follows_finite_cell},
             {"convergence to the reference", test_convergence_to_reference},
             {"stretched to three times its length", test_stretch_survives}, {"clamp by penalty", test_penalty_clamp},

@@ -14,12 +14,12 @@
 typedef struct dense_guest {
     sbi_guest guest;
     int width, size;
-    double *g;      /* [width][width] */
-    double *load;   /* [width] */
-    double *block;  /* [size][size] Cholesky factor of the rows of its own block */
+    double *g;     /* [width][width] */
+    double *load;  /* [width] */
+    double *block; /* [size][size] Cholesky factor of the rows of its own block */
     int *nodes;
     double *unknown;
-    void *extra;    /* a test's own */
+    void *extra;            /* a test's own */
     int multiplies, nan_at; /* products so far, and the one that answers NaN; < 0: none */
 } dense_guest;
 
@@ -100,8 +100,8 @@ static void dense_free(dense_guest *d)
     free(d->g), free(d->load), free(d->block), free(d->nodes), free(d->unknown), free(d);
 }
 
-/* A rod of so many nodes between two points, seen through weights: rod node i moves by sum of weight[i][k] times compact
- * component columns[i][k] (x; y and z follow). */
+/* A rod of so many nodes between two points, seen through weights: rod node i moves by sum of weight[i][k] times
+ * compact component columns[i][k] (x; y and z follow). */
 typedef struct rod {
     int count;
     int (*columns)[4];
@@ -230,8 +230,9 @@ static dense_guest *rod_make(const rod_path *path, double stretch, double bend, 
 
 /* ---- solves --------------------------------------------------------------------------------------------- */
 
-static const sb_precond_kind all_kinds[] = {SB_PRECOND_IC0,      SB_PRECOND_SSOR,      SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_FSAI,
-                                            SB_PRECOND_CHOLESKY, SB_PRECOND_MULTIGRID, SB_PRECOND_NONE};
+static const sb_precond_kind all_kinds[] = {SB_PRECOND_IC0,  SB_PRECOND_SSOR,     SB_PRECOND_BLOCK_JACOBI,
+                                            SB_PRECOND_FSAI, SB_PRECOND_CHOLESKY, SB_PRECOND_MULTIGRID,
+                                            SB_PRECOND_NONE};
 enum { KINDS = 7 };
 
 typedef struct solver {
@@ -457,8 +458,8 @@ static void test_preconditioner_is_symmetric(void)
     }
 }
 
-/* A rod a million times stiffer than the tissue of 13,200 tets: no more than 1.3 times the iterations of the tissue alone,
- * on nodes of the mesh, through weights, and hanging on springs. */
+/* A rod a million times stiffer than the tissue of 13,200 tets: no more than 1.3 times the iterations of the tissue
+ * alone, on nodes of the mesh, through weights, and hanging on springs. */
 static void test_iterations(void)
 {
     const int n[3] = {22, 10, 10};
@@ -542,8 +543,8 @@ static beam islands_make(void)
     b.rhs = (sb_real *)calloc(45, sizeof(sb_real));
     b.x = (sb_real *)calloc(45, sizeof(sb_real));
     for (int i = 0; i < 15; i++)
-        b.positions[i] = sb_v3((sb_real)(corners[i % 5][0] + 3 * (i / 5)), (sb_real)corners[i % 5][1],
-                               (sb_real)corners[i % 5][2]);
+        b.positions[i] =
+            sb_v3((sb_real)(corners[i % 5][0] + 3 * (i / 5)), (sb_real)corners[i % 5][1], (sb_real)corners[i % 5][2]);
     for (int t = 0; t < 6; t++)
         for (int c = 0; c < 4; c++)
             cells[t][c] = 5 * (t / 2) + c + t % 2;
@@ -556,7 +557,8 @@ static beam islands_make(void)
     return b;
 }
 
-/* A guest on two parts couples them; the third is solved to its own tolerance; one without nodes has a part of its own. */
+/* A guest on two parts couples them; the third is solved to its own tolerance; one without nodes has a part of its
+ * own. */
 static void test_parts(void)
 {
     for (int joined = 0; joined < 2; joined++) {
@@ -756,6 +758,7 @@ static void test_failing_memory(void)
     beam_free(&b);
 }
 
-CHECK_SUITE(guest, {"joint solution", test_joint_solution}, {"symmetric preconditioner", test_preconditioner_is_symmetric},
-            {"iterations", test_iterations}, {"threads", test_threads}, {"parts", test_parts}, {"settle", test_settle},
+CHECK_SUITE(guest, {"joint solution", test_joint_solution},
+            {"symmetric preconditioner", test_preconditioner_is_symmetric}, {"iterations", test_iterations},
+            {"threads", test_threads}, {"parts", test_parts}, {"settle", test_settle},
             {"NaN is undone", test_nan_is_undone}, {"refused", test_refused}, {"failing memory", test_failing_memory});

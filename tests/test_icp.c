@@ -20,7 +20,7 @@ static void make_body(void)
     for (int i = 0; i < BODY; i++) {
         double z = 1 - (2 * i + 1.0) / (double)BODY, a = 2.399963229728653 * i;
         sb_vec3 p = body_at(z, a), du, dv, n;
-        du = sb_v3_sub(body_at(z * (1 - h) , a), p);
+        du = sb_v3_sub(body_at(z * (1 - h), a), p);
         du = z < 0 ? du : sb_v3_scale(-1, du);
         dv = sb_v3_sub(body_at(z, a + h), p);
         n = sb_v3_cross(dv, du);
@@ -268,9 +268,11 @@ static void test_surface(void)
             unsigned long long seed = 4;
             while (count < 400) { /* on the surface, by the closest point of anything */
                 sb_surface_hit hit;
-                sb_surface_closest(skin, sb_v3(REAL(check_random_in(&seed, -0.1, 0.3)),
-                                               REAL(check_random_in(&seed, -0.1, 0.2)),
-                                               REAL(check_random_in(&seed, -0.1, 0.2))), SB_REAL_MAX, &hit);
+                sb_surface_closest(skin,
+                                   sb_v3(REAL(check_random_in(&seed, -0.1, 0.3)),
+                                         REAL(check_random_in(&seed, -0.1, 0.2)),
+                                         REAL(check_random_in(&seed, -0.1, 0.2))),
+                                   SB_REAL_MAX, &hit);
                 points[count++] = hit.point;
             }
             move(&pose, points, NULL, count, moved, NULL);
@@ -436,9 +438,7 @@ static void test_bad_input(void)
             options.landmarks = &landmark;
             options.landmark_count = 1;
             break;
-        default:
-            options.clock = slow_clock;
-            options.max_seconds = 0;
+        default: options.clock = slow_clock; options.max_seconds = 0;
         }
         CHECK_RESULT(reg_icp(&model, &target, &options, &found, NULL, &error), SB_ERROR_ARGUMENT);
     }

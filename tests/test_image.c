@@ -47,13 +47,13 @@ static int load(const char *name, sb_image *image)
 static void test_files(void)
 {
     static const char *const names[] = {
-        "points_char_ascii.vtk",   "points_char_binary.vtk",   "points_uchar_ascii.vtk",    "points_uchar_binary.vtk",
-        "points_short_ascii.vtk",  "points_short_binary.vtk",  "points_ushort_ascii.vtk",   "points_ushort_binary.vtk",
-        "points_int_ascii.vtk",    "points_int_binary.vtk",    "points_uint_ascii.vtk",     "points_uint_binary.vtk",
-        "points_float_ascii.vtk",  "points_float_binary.vtk",  "points_double_ascii.vtk",   "points_double_binary.vtk",
-        "points_ascii.vti",        "points_base64.vti",        "points_base64_zlib.vti",    "points_raw.vti",
-        "points_raw_zlib.vti",     "points_appended64_big.vti", "points_zlib.mha",          "points_raw.mha",
-        "points_raw.mhd",          "points_raw_big.nrrd",      "points_gzip.nrrd",          "points_text.nrrd"};
+        "points_char_ascii.vtk",  "points_char_binary.vtk",    "points_uchar_ascii.vtk",  "points_uchar_binary.vtk",
+        "points_short_ascii.vtk", "points_short_binary.vtk",   "points_ushort_ascii.vtk", "points_ushort_binary.vtk",
+        "points_int_ascii.vtk",   "points_int_binary.vtk",     "points_uint_ascii.vtk",   "points_uint_binary.vtk",
+        "points_float_ascii.vtk", "points_float_binary.vtk",   "points_double_ascii.vtk", "points_double_binary.vtk",
+        "points_ascii.vti",       "points_base64.vti",         "points_base64_zlib.vti",  "points_raw.vti",
+        "points_raw_zlib.vti",    "points_appended64_big.vti", "points_zlib.mha",         "points_raw.mha",
+        "points_raw.mhd",         "points_raw_big.nrrd",       "points_gzip.nrrd",        "points_text.nrrd"};
     for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
         sb_image image;
         if (!load(names[n], &image))
@@ -100,9 +100,10 @@ static void test_turned(void)
 /* Rows of MetaImage's matrix are the axes; NRRD's vectors carry the spacing. */
 static void test_directions(void)
 {
-    static const char meta[] = "ObjectType = Image\nNDims = 3\nBinaryData = False\nTransformMatrix = 0 1 0 -1 0 0 0 0 1\n"
-                               "Offset = 1 2 3\nElementSpacing = 2 3 4\nDimSize = 2 1 1\nElementType = MET_INT\n"
-                               "ElementDataFile = LOCAL\n7 -8\n";
+    static const char meta[] =
+        "ObjectType = Image\nNDims = 3\nBinaryData = False\nTransformMatrix = 0 1 0 -1 0 0 0 0 1\n"
+        "Offset = 1 2 3\nElementSpacing = 2 3 4\nDimSize = 2 1 1\nElementType = MET_INT\n"
+        "ElementDataFile = LOCAL\n7 -8\n";
     static const char nrrd[] = "NRRD0004\ntype: int\ndimension: 3\nsizes: 2 1 1\nencoding: ascii\n"
                                "space directions: (0,2,0) (-3,0,0) (0,0,4)\nspace origin: (1,2,3)\n\n7 -8\n";
     for (int n = 0; n < 2; n++) {
@@ -132,9 +133,10 @@ static void test_directions(void)
 #define LABELS "POINT_DATA 2\nSCALARS a int 1\nLOOKUP_TABLE default\n"
 #define META "ObjectType = Image\nNDims = 3\n"
 #define NRRD "NRRD0004\ndimension: 3\nsizes: 2 1 1\n"
-#define VTI(attributes, piece, content) \
-    "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\">\n<ImageData " attributes ">\n<Piece Extent=\"" piece "\">\n" \
-    "<PointData><DataArray type=\"Int32\" Name=\"a\" format=\"ascii\">" content \
+#define VTI(attributes, piece, content)                                                                                \
+    "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\">\n<ImageData " attributes ">\n<Piece Extent=\"" piece     \
+    "\">\n"                                                                                                            \
+    "<PointData><DataArray type=\"Int32\" Name=\"a\" format=\"ascii\">" content                                        \
     "</DataArray></PointData></Piece></ImageData></VTKFile>"
 
 static void test_malformed(void)
@@ -164,7 +166,8 @@ static void test_malformed(void)
         {POINTS "DIMENSIONS 2 1 1\n" LABELS "1 3e9\n", SB_ERROR_FORMAT, 9, "voxel 1 is 3e+09"},
         {POINTS "DIMENSIONS 2 1 1\n" LABELS "1 nan\n", SB_ERROR_NOT_FINITE, 9, "is not finite"},
         {POINTS "DIMENSIONS 2 1 1\n", SB_ERROR_FORMAT, 6, "no array of one number per point"},
-        {POINTS "DIMENSIONS 2 1 1\nPOINT_DATA 2\nVECTORS v float\n0 0 0 0 0 0\n", SB_ERROR_FORMAT, 9, "no array of one number"},
+        {POINTS "DIMENSIONS 2 1 1\nPOINT_DATA 2\nVECTORS v float\n0 0 0 0 0 0\n", SB_ERROR_FORMAT, 9,
+         "no array of one number"},
         {POINTS "DIMENSIONS 2 1 1\nDIMENSIONS 2 1 1\n", SB_ERROR_FORMAT, 6, "a second DIMENSIONS"},
         {POINTS "DIMENSIONS 2 1 1\nPOINTS 2 float\n", SB_ERROR_FORMAT, 6, "'POINTS' where a section"},
         {"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n", SB_ERROR_UNSUPPORTED, 4, "sb_mesh_load"},
@@ -176,12 +179,14 @@ static void test_malformed(void)
         {VTI("WholeExtent=\"0 1 0 0 0 0 0\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_FORMAT, 2, "more than 6 numbers"},
         {VTI("WholeExtent=\"0 1 0 0 0 -1\"", "0 1 0 0 0 -1", "1 2"), SB_ERROR_FORMAT, 2, "missing or empty"},
         {VTI("Origin=\"0 0 0\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_FORMAT, 2, "missing or empty"},
-        {VTI("WholeExtent=\"0 1 0 0 0 0\" Spacing=\"1 1 -1\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_FORMAT, 2, "a spacing of -1"},
-        {VTI("WholeExtent=\"0 1 0 0 0 0\" Direction=\"1 0 0 1 0 0 0 0 1\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_NOT_FINITE, 0,
-         "a direction of length 0"},
+        {VTI("WholeExtent=\"0 1 0 0 0 0\" Spacing=\"1 1 -1\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_FORMAT, 2,
+         "a spacing of -1"},
+        {VTI("WholeExtent=\"0 1 0 0 0 0\" Direction=\"1 0 0 1 0 0 0 0 1\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_NOT_FINITE,
+         0, "a direction of length 0"},
         {VTI("WholeExtent=\"0 1 0 0 0 0\" Direction=\"1 1 0 0 0 0 0 0 1\"", "0 1 0 0 0 0", "1 2"), SB_ERROR_FORMAT, 0,
          "the axes lie in a plane"},
-        {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nx", SB_ERROR_FORMAT, 0, "1 bytes are there"},
+        {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nx", SB_ERROR_FORMAT, 0,
+         "1 bytes are there"},
         {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nxyz", SB_ERROR_FORMAT, 0,
          "1 bytes follow the 2 voxels"},
         {META "DimSize = 2 1 1\nElementType = MET_UCHAR\n", SB_ERROR_FORMAT, 5, "without ElementDataFile"},
@@ -190,8 +195,8 @@ static void test_malformed(void)
         {META "ElementType = MET_STRING\n", SB_ERROR_UNSUPPORTED, 3, "MET_STRING"},
         {META "DimSize = 2 x 1\n", SB_ERROR_FORMAT, 3, "'x' is not an integer"},
         {META "DimSize = 2 1\n", SB_ERROR_FORMAT, 3, "the file ends where"},
-        {META "DimSize = 99999 99999 99999\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nxy", SB_ERROR_UNSUPPORTED, 6,
-         "more than 2147483647 voxels"},
+        {META "DimSize = 99999 99999 99999\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nxy", SB_ERROR_UNSUPPORTED,
+         6, "more than 2147483647 voxels"},
         {META "ElementSpacing = 1 0 1\n", SB_ERROR_FORMAT, 3, "a spacing of 0"},
         {META "ElementNumberOfChannels = 3\n", SB_ERROR_UNSUPPORTED, 3, "3 values per voxel"},
         {META "no sign\n", SB_ERROR_FORMAT, 3, "without \"=\""},
@@ -199,7 +204,8 @@ static void test_malformed(void)
         {META "CompressedData = True\nDimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\nxyzxyzxyz",
          SB_ERROR_FORMAT, 0, "no zlib header"},
         {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = a.raw\n", SB_ERROR_UNSUPPORTED, 0, "a.raw"},
-        {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LIST\n", SB_ERROR_UNSUPPORTED, 5, "several files"},
+        {META "DimSize = 2 1 1\nElementType = MET_UCHAR\nElementDataFile = LIST\n", SB_ERROR_UNSUPPORTED, 5,
+         "several files"},
         {NRRD "type: uchar\n\nxy", SB_ERROR_FORMAT, 6, "no encoding"},
         {NRRD "encoding: raw\n\nxy", SB_ERROR_FORMAT, 6, "no type"},
         {NRRD "type: short\nencoding: raw\n\nxyzw", SB_ERROR_FORMAT, 7, "no endian"},
@@ -233,7 +239,8 @@ static void test_malformed(void)
 static void test_truncated(void)
 {
     static const char *const names[] = {"points_short_ascii.vtk", "points_short_binary.vtk", "points_base64_zlib.vti",
-                                        "points_raw_zlib.vti", "points_zlib.mha", "points_gzip.nrrd", "points_raw_big.nrrd"};
+                                        "points_raw_zlib.vti",    "points_zlib.mha",         "points_gzip.nrrd",
+                                        "points_raw_big.nrrd"};
     for (size_t n = 0; n < sizeof names / sizeof names[0]; n++) {
         char path[256], data[8192];
         size_t size;
@@ -351,7 +358,7 @@ static void test_check(void)
 }
 
 CHECK_SUITE(image, {"files of VTK and by hand", test_files}, {"values of cells", test_cells},
-            {"an image that is turned", test_turned}, {"directions", test_directions}, {"malformed files", test_malformed},
-            {"files that are cut off", test_truncated}, {"data files elsewhere", test_detached},
-            {"images are no meshes", test_not_a_mesh}, {"every allocation failing", test_memory},
-            {"images of one's own", test_check});
+            {"an image that is turned", test_turned}, {"directions", test_directions},
+            {"malformed files", test_malformed}, {"files that are cut off", test_truncated},
+            {"data files elsewhere", test_detached}, {"images are no meshes", test_not_a_mesh},
+            {"every allocation failing", test_memory}, {"images of one's own", test_check});

@@ -241,8 +241,8 @@ static void test_alpha_balance(void)
                     double moving = 0;
                     for (int i = 0; i < mesh.node_count; i++)
                         if (!sb_body_supports(body)[i])
-                            moving += (double)sb_v3_norm(sb_body_external_forces(body)[i]) /
-                                      (double)sb_v3_norm(def.gravity);
+                            moving +=
+                                (double)sb_v3_norm(sb_body_external_forces(body)[i]) / (double)sb_v3_norm(def.gravity);
                     rate[k] *= moving;
                 }
                 next = (change - (1 - gamma) * rate[k]) / gamma;
@@ -293,8 +293,8 @@ static void test_alpha_follows(void)
 }
 
 typedef struct rough_ride {
-    int failures;       /* steps undone */
-    double energy;      /* largest total, potential of gravity included, over the first */
+    int failures;  /* steps undone */
+    double energy; /* largest total, potential of gravity included, over the first */
 } rough_ride;
 
 /* A soft undamped beam that falls about its clamp, with steps that resolve little. */
@@ -383,7 +383,7 @@ typedef struct probe {
     sb_mesh mesh;
     sb_body *body;
     int *all;
-    double *mass;             /* lumped (kg) */
+    double *mass; /* lumped (kg) */
     sb_vec3 *u, *x, *y, *z;
 } probe;
 
@@ -515,7 +515,8 @@ static void test_explicit_conserves(void)
 {
     for (int t = 0; t < ELEMENT_TYPES; t++) {
         sb_mesh mesh;
-        sb_body *body = explicit_beam(&mesh, element_types[t], 2, 1, sb_material_linear(REAL(5e3), REAL(0.4), REAL(1000)));
+        sb_body *body =
+            explicit_beam(&mesh, element_types[t], 2, 1, sb_material_linear(REAL(5e3), REAL(0.4), REAL(1000)));
         sb_vec3 *v = (sb_vec3 *)calloc((size_t)mesh.node_count, sizeof(sb_vec3)), before, after;
         unsigned long long seed = 21;
         double first, least = 1e30, most = 0, size = 0;
@@ -539,9 +540,10 @@ static void test_explicit_conserves(void)
             }
         }
         after = sb_body_momentum(body);
-        printf("  explicit %s, 10,000 steps of half the stable one: energy between %.4f and %.4f, momentum off by %.1e\n",
-               sb_element_name(element_types[t]), least / first, most / first,
-               (double)sb_v3_norm(sb_v3_sub(after, before)) / (size * (double)sb_body_mass(body)));
+        printf(
+            "  explicit %s, 10,000 steps of half the stable one: energy between %.4f and %.4f, momentum off by %.1e\n",
+            sb_element_name(element_types[t]), least / first, most / first,
+            (double)sb_v3_norm(sb_v3_sub(after, before)) / (size * (double)sb_body_mass(body)));
         CHECK(least > 0.8 * first && most < 1.25 * first);
         CHECK_NEAR((double)sb_v3_norm(sb_v3_sub(after, before)) / (size * (double)sb_body_mass(body)), 0,
                    1e4 * (double)SB_EPSILON);
@@ -614,10 +616,10 @@ static void test_explicit_violence(void)
                 int tool = (int)(check_random(&seed) * mesh.node_count);
                 sb_step_info info;
                 if (s % 10 == 0 && s < 40 && mesh.nodes[tool].x > 0) {
-                    sb_vec3 jerk = sb_v3_add(sb_body_displacements(body)[tool],
-                                             sb_v3(REAL(check_random_in(&seed, -0.1, 0.1)),
-                                                   REAL(check_random_in(&seed, -0.1, 0.1)),
-                                                   REAL(check_random_in(&seed, -0.1, 0.1))));
+                    sb_vec3 jerk =
+                        sb_v3_add(sb_body_displacements(body)[tool], sb_v3(REAL(check_random_in(&seed, -0.1, 0.1)),
+                                                                           REAL(check_random_in(&seed, -0.1, 0.1)),
+                                                                           REAL(check_random_in(&seed, -0.1, 0.1))));
                     CHECK_OK(sb_body_prescribe(body, &tool, 1, SB_XYZ, &jerk, 1));
                     failures += sb_body_step(body, REAL(1.0 / 60), &info) != SB_OK;
                     CHECK_OK(sb_body_release_nodes(body, &tool, 1, SB_XYZ));
@@ -630,8 +632,10 @@ static void test_explicit_violence(void)
                            scene_all_finite(sb_body_velocities(body), mesh.node_count)))
                     break;
             }
-            printf("  explicit violence %s, model %d: %d of 64 steps undone, %.0f substeps per frame, %.2f of the energy left\n",
-                   sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 64.0, last / after_jerks);
+            printf("  explicit violence %s, model %d: %d of 64 steps undone, %.0f substeps per frame, %.2f of the "
+                   "energy left\n",
+                   sb_element_name(element_types[t]), (int)materials[m].model, failures, substeps / 64.0,
+                   last / after_jerks);
             CHECK(last <= after_jerks); /* nothing came in since, and damping took some */
             if (m < 2)
                 CHECK_INT(failures, 0);
@@ -823,9 +827,8 @@ CHECK_SUITE(integrators, {"orders in time", test_orders}, {"spectral radius", te
             {"generalised alpha gains no energy", test_alpha_never_gains},
             {"generalised alpha balances", test_alpha_balance}, {"generalised alpha follows", test_alpha_follows},
             {"generalised alpha is robust", test_alpha_is_robust},
-            {"generalised alpha survives inversion", test_alpha_survives_inversion},
-            {"stable step", test_stable_step}, {"explicit steps conserve", test_explicit_conserves},
-            {"explicit frames", test_explicit_frames}, {"explicit violence", test_explicit_violence},
-            {"undo leaves no trace", test_undo}, {"same bits for any threads", test_threads},
-            {"golden integrators", test_golden}, {"refusals", test_refusals},
-            {"no allocation", test_no_allocation});
+            {"generalised alpha survives inversion", test_alpha_survives_inversion}, {"stable step", test_stable_step},
+            {"explicit steps conserve", test_explicit_conserves}, {"explicit frames", test_explicit_frames},
+            {"explicit violence", test_explicit_violence}, {"undo leaves no trace", test_undo},
+            {"same bits for any threads", test_threads}, {"golden integrators", test_golden},
+            {"refusals", test_refusals}, {"no allocation", test_no_allocation});

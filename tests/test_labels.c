@@ -61,7 +61,8 @@ static int make_surface(const sb_label_def *def, sb_mesh *mesh, sb_label_report 
     sb_surface *surface = NULL;
     sb_error error;
     int wrong = 0;
-    if (!CHECK_OK(sb_image_surface(def, mesh, report, &error)) || !CHECK_OK(sb_surface_check(mesh, NULL, &found, &error)))
+    if (!CHECK_OK(sb_image_surface(def, mesh, report, &error)) ||
+        !CHECK_OK(sb_surface_check(mesh, NULL, &found, &error)))
         return 0;
     CHECK_INT(found.findings & ~SB_SURFACE_SEVERAL_PARTS, 0);
     CHECK_NEAR(found.volume / report->volume, 1, 1e-4);
@@ -89,7 +90,8 @@ static double roughness(const sb_mesh *mesh)
         sb_vec3 a = mesh->nodes[c[0]], b = mesh->nodes[c[1]], d = mesh->nodes[c[2]], out;
         sb_vec3 n = sb_v3_cross(sb_v3_sub(b, a), sb_v3_sub(d, a));
         double area = (double)sb_v3_norm(n), angle;
-        out = sb_v3_sub(sb_v3_scale(REAL(1.0 / 3), sb_v3_add(a, sb_v3_add(b, d))), sb_v3(REAL(0.47), REAL(0.51), REAL(0.49)));
+        out = sb_v3_sub(sb_v3_scale(REAL(1.0 / 3), sb_v3_add(a, sb_v3_add(b, d))),
+                        sb_v3(REAL(0.47), REAL(0.51), REAL(0.49)));
         angle = acos(fmin(1, (double)sb_v3_dot(n, out) / (area * (double)sb_v3_norm(out))));
         sum += area * angle * angle;
         whole += area;
@@ -239,7 +241,8 @@ static void test_plates(void)
             def.image = &image;
             def.smoothing = smoothing;
             if (make_surface(&def, &mesh, &report)) {
-                CHECK(report.volume > REAL(0.9) * report.voxel_volume && report.volume < REAL(1.1) * report.voxel_volume);
+                CHECK(report.volume > REAL(0.9) * report.voxel_volume &&
+                      report.volume < REAL(1.1) * report.voxel_volume);
                 CHECK(smoothing > 2 || fabs((double)(report.volume / report.voxel_volume) - 1) < 2e-3);
                 sb_mesh_free(&mesh);
             }
@@ -367,7 +370,8 @@ static void test_regions(void)
         CHECK_OK(sb_image_set_regions(&image, &tets, &error));
         for (int e = 0; e < tets.element_count; e++) {
             const int *n = tets.elements + 4 * e;
-            sb_vec3 a = sb_v3_sub(tets.nodes[n[1]], tets.nodes[n[0]]), b = sb_v3_sub(tets.nodes[n[2]], tets.nodes[n[0]]);
+            sb_vec3 a = sb_v3_sub(tets.nodes[n[1]], tets.nodes[n[0]]),
+                    b = sb_v3_sub(tets.nodes[n[2]], tets.nodes[n[0]]);
             volumes[tets.regions[e]] +=
                 (double)sb_v3_dot(sb_v3_cross(a, b), sb_v3_sub(tets.nodes[n[3]], tets.nodes[n[0]])) / 6;
         }

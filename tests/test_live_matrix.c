@@ -1,5 +1,5 @@
-/* What lies below a body whose mesh changes, by itself: a matrix that follows against one made anew, couplings of others,
- * parts, and changes taken back. */
+/* What lies below a body whose mesh changes, by itself: a matrix that follows against one made anew, couplings of
+ * others, parts, and changes taken back. */
 #define SB_STATIC
 #define SB_ELEMENT SB_TET4
 #define SB_IMPLEMENTATION
@@ -73,9 +73,11 @@ static void fill_by_index(sb_matrix *a)
         for (int q = a->row_start[i]; q < a->row_end[i]; q++)
             for (int k = 0; k < 9; k++) {
                 int low = sbi_min_int(i, a->columns[q]), high = sbi_max_int(i, a->columns[q]);
-                int turned = 3 * (k % 3) + k / 3, at = i < a->columns[q] ? k : i > a->columns[q] ? turned : sbi_min_int(k, turned);
-                unsigned long long seed = (unsigned long long)low * 1000003u + (unsigned long long)high * 17u +
-                                          (unsigned long long)at + 1;
+                int turned = 3 * (k % 3) + k / 3, at = i < a->columns[q]   ? k
+                                                       : i > a->columns[q] ? turned
+                                                                           : sbi_min_int(k, turned);
+                unsigned long long seed =
+                    (unsigned long long)low * 1000003u + (unsigned long long)high * 17u + (unsigned long long)at + 1;
                 a->blocks[q][k] = (sb_real)check_random_in(&seed, -1, 1);
             }
 }
@@ -141,8 +143,8 @@ static void test_random_changes(void)
     live_mesh_free(&before);
 }
 
-/* Changes one after the other, then all of them back: the last matrix multiplies as the first did, and while slack lasts
- * no memory is taken. */
+/* Changes one after the other, then all of them back: the last matrix multiplies as the first did, and while slack
+ * lasts no memory is taken. */
 static void test_undo(void)
 {
     enum { CHANGES = 60 };
@@ -332,8 +334,7 @@ static sb_mesh compact_mesh(const live_mesh *m, int *node_of)
     for (int e = 0; e < m->cell_end; e++)
         if (m->cells[e][0] >= 0)
             for (int v = 0; v < 4; v++)
-                mesh.elements[4 * mesh.element_count + v] = node_of[m->cells[e][v]],
-                mesh.element_count += v == 3;
+                mesh.elements[4 * mesh.element_count + v] = node_of[m->cells[e][v]], mesh.element_count += v == 3;
     return mesh;
 }
 
@@ -452,7 +453,8 @@ static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
     int *node_of = (int *)malloc((size_t)m->node_end * sizeof(int)), wrong = 0;
     sb_mesh mesh = compact_mesh(m, node_of);
     sb_vec3 *u = displacements(m), *v = (sb_vec3 *)malloc((size_t)mesh.node_count * sizeof *v);
-    sb_vec3 *f = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *f), *g = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *g);
+    sb_vec3 *f = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *f),
+            *g = (sb_vec3 *)malloc((size_t)m->node_end * sizeof *g);
     sb_real largest = 0, error = 0, energies[2];
     sb_tangent_kind kind = model == 2 ? SB_TANGENT_EXACT : SB_TANGENT_QUASI;
     rooms_compact(&compact, m, model);
@@ -466,7 +468,8 @@ static void check_same_as_compact(rooms *live, const live_mesh *m, int model)
     sbi_assembly_energy(&live->assembly, u, energies);
     sbi_assembly_energy(&compact.assembly, v, energies + 1);
     CHECK_NEAR(energies[0], energies[1], 100 * SB_EPSILON * energies[1]);
-    CHECK_NEAR(live->assembly.energy_unit, compact.assembly.energy_unit, 100 * SB_EPSILON * compact.assembly.energy_unit);
+    CHECK_NEAR(live->assembly.energy_unit, compact.assembly.energy_unit,
+               100 * SB_EPSILON * compact.assembly.energy_unit);
     for (int i = 0; i < m->node_end; i++) {
         int j = node_of[i], q = live->matrix.row_start[i], p = j < 0 ? 0 : compact.matrix.row_start[j];
         if (j < 0) {
@@ -568,8 +571,8 @@ static void fill_definite(sb_matrix *a)
             a->blocks[a->diagonal[i]][k] += 40;
 }
 
-/* A preconditioner of each kind, made of a matrix that has followed changes, gives the bits of one made of a compact matrix,
- * and refuses the matrix once it has changed again. */
+/* A preconditioner of each kind, made of a matrix that has followed changes, gives the bits of one made of a compact
+ * matrix, and refuses the matrix once it has changed again. */
 static void test_preconditioners(void)
 {
     live_mesh m = live_mesh_box(6, 6, 12, 2), before = live_mesh_make(m.node_room, m.cell_room);
@@ -655,8 +658,8 @@ static sb_result cut_edge(sb_body *body, int e, cut *c, sb_error *error)
         c->cell[c->cells++] = k;
     }
     if (result == SB_OK)
-        result = sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[c->ends[0]], X[c->ends[1]])), c->ends,
-                                         half, 2, 0, &c->node, error);
+        result = sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[c->ends[0]], X[c->ends[1]])),
+                                         c->ends, half, 2, 0, &c->node, error);
     for (int k = 0; k < 2 * c->cells && result == SB_OK; k++) {
         sb_change_cell cell = sb_default_change_cell();
         int nodes[4];
@@ -735,7 +738,8 @@ static void test_in_place(void)
         CHECK_OK(sb_body_step(body, REAL(0.005), NULL));
         for (int i = 0; i < 200; i++) {
             int depth = i % 40 < 20 ? i % 40 : 39 - i % 40;
-            sb_vec3 tip = sb_v3(REAL(0.3) - REAL(0.01) * (sb_real)depth, REAL(check_random_in(&seed, 0.08, 0.12)), REAL(0.1));
+            sb_vec3 tip =
+                sb_v3(REAL(0.3) - REAL(0.01) * (sb_real)depth, REAL(check_random_in(&seed, 0.08, 0.12)), REAL(0.1));
             CHECK_OK(i % 40 < 20 ? cut_edge(body, cell_at(body, tip), cuts + depth, &error)
                                  : join_edge(body, cuts + depth, &error));
             CHECK_INT(body->live->rebuilds, 0);
@@ -789,8 +793,7 @@ static void test_refused_in_place(void)
 
 CHECK_SUITE(live_matrix, {"random changes against a matrix made anew", test_random_changes},
             {"changes taken back", test_undo}, {"couplings of others", test_other_couplings},
-            {"changes in place", test_in_place},
-            {"refused in place", test_refused_in_place}, {"no memory", test_no_memory}, {"parts come apart and meet", test_parts},
-            {"assembly", test_assembly}, {"assembly of two materials", test_assembly_of_two},
-            {"assembly of any material", test_assembly_of_any},
+            {"changes in place", test_in_place}, {"refused in place", test_refused_in_place},
+            {"no memory", test_no_memory}, {"parts come apart and meet", test_parts}, {"assembly", test_assembly},
+            {"assembly of two materials", test_assembly_of_two}, {"assembly of any material", test_assembly_of_any},
             {"preconditioners", test_preconditioners});

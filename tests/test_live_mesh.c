@@ -13,11 +13,11 @@ typedef enum op_kind { OP_SPLIT_EDGE, OP_SPLIT_FACE, OP_SPLIT_TET, OP_COPY_NODE,
 /* A change and what is needed to undo it: the cells that it replaced, as they were. */
 typedef struct op {
     op_kind kind;
-    int corners[4], count;     /* nodes of what was split, or the node copied */
-    int node;                  /* that was made, or -1 */
+    int corners[4], count;                           /* nodes of what was split, or the node copied */
+    int node;                                        /* that was made, or -1 */
     int cells, cell[MOST_RING], nodes[MOST_RING][4]; /* replaced in their slots, and their nodes before */
-    int more, more_cell[MOST_RING]; /* made besides */
-    int lost, lost_node[4];    /* nodes that went with a removed cell, and what made them again */
+    int more, more_cell[MOST_RING];                  /* made besides */
+    int lost, lost_node[4];                          /* nodes that went with a removed cell, and what made them again */
     sb_vec3 lost_x[4];
 } op;
 
@@ -53,7 +53,8 @@ static sb_result split(sb_body *body, op *o, const sb_real *weights, sb_error *e
         return result;
     o->cells = o->more = 0;
     for (int e = 0; e < sb_body_element_count(body); e++)
-        if (sb_body_cell_in_use(body, e) && has_nodes(nodes_of(body, e), o->corners, o->count) && o->cells < MOST_RING / 4) {
+        if (sb_body_cell_in_use(body, e) && has_nodes(nodes_of(body, e), o->corners, o->count) &&
+            o->cells < MOST_RING / 4) {
             o->cell[o->cells] = e;
             memcpy(o->nodes[o->cells++], nodes_of(body, e), 4 * sizeof(int));
         }
@@ -293,8 +294,8 @@ static void run_random(sb_body *body, sb_real density, int changes, unsigned lon
         sums before = sums_of(body, density), after;
         op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_KINDS);
         int back = depth && (depth == MOST_OPS || check_random(&seed) < 0.45);
-        sb_result result = back ? undo(body, ops + depth - 1, &error)
-                                : change_at_random(body, &seed, kind, ops + depth, &error);
+        sb_result result =
+            back ? undo(body, ops + depth - 1, &error) : change_at_random(body, &seed, kind, ops + depth, &error);
         const op *last = back ? ops + depth - 1 : ops + depth;
         if (result != SB_OK) { /* a sliver's split may be flat to rounding */
             CHECK(result == SB_ERROR_MESH);
@@ -393,7 +394,6 @@ static void test_inverse(void)
     sb_mesh_free(&mesh);
 }
 
-
 /* ---- every material and integrator ---- */
 
 static sb_material with_prony(sb_material m)
@@ -413,17 +413,16 @@ static sb_material with_fibres(sb_material m)
 
 static void test_materials(void)
 {
-    const sb_material materials[] = {
-        sb_material_linear(5000, REAL(0.4), 1000),
-        sb_material_corotated(5000, REAL(0.4), 1000),
-        sb_material_corotated_invertible(5000, REAL(0.4), 1000),
-        sb_material_mooney_rivlin(600, 300, REAL(2e-4), 1000),
-        sb_material_svk(5000, REAL(0.4), 1000),
-        sb_material_neo_hookean(5000, REAL(0.4), 1000),
-        sb_material_stable_neo_hookean(5000, REAL(0.4), 1000),
-        with_prony(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
-        with_fibres(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
-        with_prony(with_fibres(sb_material_stable_neo_hookean(5000, REAL(0.4), 1000)))};
+    const sb_material materials[] = {sb_material_linear(5000, REAL(0.4), 1000),
+                                     sb_material_corotated(5000, REAL(0.4), 1000),
+                                     sb_material_corotated_invertible(5000, REAL(0.4), 1000),
+                                     sb_material_mooney_rivlin(600, 300, REAL(2e-4), 1000),
+                                     sb_material_svk(5000, REAL(0.4), 1000),
+                                     sb_material_neo_hookean(5000, REAL(0.4), 1000),
+                                     sb_material_stable_neo_hookean(5000, REAL(0.4), 1000),
+                                     with_prony(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
+                                     with_fibres(sb_material_neo_hookean(5000, REAL(0.4), 1000)),
+                                     with_prony(with_fibres(sb_material_stable_neo_hookean(5000, REAL(0.4), 1000)))};
     const sb_integrator integrators[] = {SB_EULER, SB_NEWMARK, SB_GENERALISED_ALPHA, SB_CENTRAL_DIFFERENCE};
     sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0.1);
     sb_vec3 *fibres = (sb_vec3 *)calloc((size_t)mesh.element_count, sizeof *fibres);
@@ -502,8 +501,8 @@ static void test_against_fresh(void)
     }
     for (int i = 0; i < sb_body_node_count(body); i++)
         if (nodes[i] >= 0)
-            worst = fmax(worst, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(body)[i],
-                                                             sb_body_displacements(fresh)[nodes[i]])));
+            worst = fmax(worst, (double)sb_v3_norm(
+                                    sb_v3_sub(sb_body_displacements(body)[i], sb_body_displacements(fresh)[nodes[i]])));
     CHECK(worst < scene_tolerance(1e-9, 1e5) * 0.1);
     free(nodes);
     sb_body_destroy(body);
@@ -658,8 +657,10 @@ static void test_mapping_follows(void)
     double found = 0;
     op o;
     memcpy(nodes, cell, sizeof nodes);
-    X = sb_v3_madd(sb_v3_madd(sb_v3_madd(sb_v3_madd(X, REAL(0.4), s.mesh.nodes[nodes[0]]), REAL(0.3), s.mesh.nodes[nodes[1]]),
-                              REAL(0.2), s.mesh.nodes[nodes[2]]), REAL(0.1), s.mesh.nodes[nodes[3]]);
+    X = sb_v3_madd(
+        sb_v3_madd(sb_v3_madd(sb_v3_madd(X, REAL(0.4), s.mesh.nodes[nodes[0]]), REAL(0.3), s.mesh.nodes[nodes[1]]),
+                   REAL(0.2), s.mesh.nodes[nodes[2]]),
+        REAL(0.1), s.mesh.nodes[nodes[3]]);
     CHECK_OK(split_edge(s.body, nodes[0], nodes[1], &o, &error));
     u = (sb_vec3 *)calloc((size_t)sb_body_node_count(s.body), sizeof *u);
     u[o.node] = sb_v3(REAL(0.001), 0, 0); /* 0.4 - 0.3 of corner 0 is left, 0.6 of the node in the middle */
@@ -791,7 +792,8 @@ static void test_refused(void)
     CHECK_INT(error.node, 100000);
     CHECK_RESULT(sb_body_change_remove_cell(change, 100000, &error), SB_ERROR_INDEX);
     CHECK_INT(error.element, 100000);
-    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], sb_v3(0, 0, REAL(NAN)), NULL, NULL, 0, &error), SB_ERROR_NOT_FINITE);
+    CHECK_RESULT(sb_body_change_move_node(change, nodes[0], sb_v3(0, 0, REAL(NAN)), NULL, NULL, 0, &error),
+                 SB_ERROR_NOT_FINITE);
     /* inside out */
     memcpy(bad, nodes, sizeof bad);
     bad[0] = nodes[1], bad[1] = nodes[0];
@@ -1062,7 +1064,8 @@ static void test_slide(void)
     }
     CHECK(slid > 30);
     for (int i = 0; i < n; i++) {
-        sb_vec3 x = sb_body_rest_positions(body)[i], off = sb_v3_sub(sb_body_displacements(body)[i], affine(x, REAL(0.01)));
+        sb_vec3 x = sb_body_rest_positions(body)[i],
+                off = sb_v3_sub(sb_body_displacements(body)[i], affine(x, REAL(0.01)));
         CHECK(sb_v3_norm(off) < REAL(scene_tolerance(1e-14, 1)));
     }
     free(u);
@@ -1071,7 +1074,8 @@ static void test_slide(void)
     sb_mesh_free(&mesh);
 }
 
-/* Motion that no mesh carries exactly: momentum is kept while the shape is, and a moved node has its sources' motion. */
+/* Motion that no mesh carries exactly: momentum is kept while the shape is, and a moved node has its sources'
+ * motion. */
 static void test_slide_momentum(void)
 {
     sb_mesh mesh = scene_box(SB_TET4, 4, 3, 3, sb_v3(REAL(0.2), REAL(0.15), REAL(0.15)), 0.1);
@@ -1131,7 +1135,8 @@ static void test_slide_alone(void)
     sb_mesh_free(&mesh);
 }
 
-/* Along axes that a moved node alone is supported along it keeps its motion; where its sources are, too, targets mix. */
+/* Along axes that a moved node alone is supported along it keeps its motion; where its sources are, too, targets
+ * mix. */
 static void test_slide_supports(void)
 {
     sb_mesh mesh = scene_box(SB_TET4, 3, 2, 2, sb_v3(REAL(0.15), REAL(0.1), REAL(0.1)), 0);
@@ -1219,8 +1224,8 @@ static void test_slide_calls(void)
                                 : sb_body_change_add_cell(change, &cell, NULL, &error));
             }
         CHECK_OK(sb_body_change_commit(change, &error));
-        CHECK(sb_v3_norm(sb_v3_sub(sb_body_displacements(s.body)[node], sb_v3_add(sb_v3_scale(half[0], ends[0]),
-                                                                                  sb_v3_scale(half[1], ends[1])))) <
+        CHECK(sb_v3_norm(sb_v3_sub(sb_body_displacements(s.body)[node],
+                                   sb_v3_add(sb_v3_scale(half[0], ends[0]), sb_v3_scale(half[1], ends[1])))) <
               REAL(scene_tolerance(1e-15, 1)));
     }
     for (int i = 0; i < 12; i++) {
@@ -1264,8 +1269,8 @@ static void test_no_allocations(void)
         for (int i = 0; i < 60; i++) {
             op_kind kind = (op_kind)(int)(check_random(&seed) * (int)OP_KINDS);
             int back = depth && check_random(&seed) < 0.4;
-            sb_result result = back ? undo(body, ops + depth - 1, &error)
-                                    : change_at_random(body, &seed, kind, ops + depth, &error);
+            sb_result result =
+                back ? undo(body, ops + depth - 1, &error) : change_at_random(body, &seed, kind, ops + depth, &error);
             CHECK(result == SB_OK || result == SB_ERROR_MESH);
             if (result == SB_OK)
                 depth += back ? -1 : ops[depth].cells > 0;
@@ -1280,7 +1285,8 @@ static void test_no_allocations(void)
     sb_mesh_free(&mesh);
 }
 
-/* In place and by a body made anew, which lack of room, a constraint or a load on the spot ask for, the bits are the same. */
+/* In place and by a body made anew, which lack of room, a constraint or a load on the spot ask for, the bits are the
+ * same. */
 static void test_both_ways(void)
 {
     const sb_material materials[] = {sb_material_corotated(5000, REAL(0.4), 1000),
@@ -1308,8 +1314,9 @@ static void test_both_ways(void)
         }
         for (int i = 0; i < 40 && same; i++) {
             for (int b = 0; b < 2; b++) {
-                sb_result result = i % 7 == 6 ? slide(bodies[b], seeds + b, &node, &error)
-                                              : change_at_random(bodies[b], seeds + b, (op_kind)(i % OP_KINDS), o + b, &error);
+                sb_result result = i % 7 == 6
+                                       ? slide(bodies[b], seeds + b, &node, &error)
+                                       : change_at_random(bodies[b], seeds + b, (op_kind)(i % OP_KINDS), o + b, &error);
                 CHECK(result == SB_OK || result == SB_ERROR_MESH);
                 if (i % 5 == 1 && result == SB_OK && o[b].cells)
                     CHECK_OK(undo(bodies[b], o + b, &error));
@@ -1380,8 +1387,8 @@ static void test_memory_in_place(void)
 static void test_iterations(void)
 {
     static const double shares[] = {0.01, 0.05, 0.2};
-    const sb_precond_kind kinds[] = {SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_SSOR, SB_PRECOND_IC0,
-                                     SB_PRECOND_FSAI, SB_PRECOND_MULTIGRID, SB_PRECOND_CHOLESKY};
+    const sb_precond_kind kinds[] = {SB_PRECOND_BLOCK_JACOBI, SB_PRECOND_SSOR,      SB_PRECOND_IC0,
+                                     SB_PRECOND_FSAI,         SB_PRECOND_MULTIGRID, SB_PRECOND_CHOLESKY};
     sb_mesh mesh = scene_box(SB_TET4, 9, 6, 6, sb_v3(REAL(0.18), REAL(0.12), REAL(0.12)), 0.1);
     for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++)
         for (int s = 0; s < 3; s++) {
@@ -1474,10 +1481,9 @@ CHECK_SUITE(live_mesh, {"random changes", test_random_changes}, {"the inverse or
             {"listeners", test_listeners}, {"bad changes are refused by name", test_refused},
             {"every allocation fails", test_memory_failures}, {"threads", test_threads},
             {"saved and loaded between changes", test_state}, {"recorded and replayed", test_record},
-            {"beyond the slack", test_growth},
-            {"no allocations while slack lasts", test_no_allocations}, {"in place and anew", test_both_ways},
-            {"free slots below one in use", test_slots_between},
+            {"beyond the slack", test_growth}, {"no allocations while slack lasts", test_no_allocations},
+            {"in place and anew", test_both_ways}, {"free slots below one in use", test_slots_between},
             {"every allocation of a plain body fails", test_memory_in_place},
-            {"iterations after changes", test_iterations}, {"slides", test_slide}, {"momentum of slides", test_slide_momentum},
-            {"a slide of one free node", test_slide_alone},
+            {"iterations after changes", test_iterations}, {"slides", test_slide},
+            {"momentum of slides", test_slide_momentum}, {"a slide of one free node", test_slide_alone},
             {"supports of slides", test_slide_supports}, {"calls and recordings of slides", test_slide_calls});

@@ -194,7 +194,8 @@ static void test_pressure_tangent(void)
         return;
     }
     for (int t = 0; t < FACE_ELEMENTS; t++) {
-        int rough = pressure_iterations(face_elements[t], 0, 1e-4), fine = pressure_iterations(face_elements[t], 0, 1e-12);
+        int rough = pressure_iterations(face_elements[t], 0, 1e-4),
+            fine = pressure_iterations(face_elements[t], 0, 1e-12);
         CHECK(fine - rough <= 2);
         CHECK(fine <= 8);
         CHECK(pressure_iterations(face_elements[t], 1, 1e-10) <= 12);
@@ -483,8 +484,8 @@ static void test_momentum(void)
         sb_vec3 points[2];
         sb_body *body;
         def.mesh = &mesh;
-        def.material = kind == 2 ? sb_material_neo_hookean(5000, REAL(0.4), 1000)
-                                 : sb_material_corotated(5000, REAL(0.4), 1000);
+        def.material =
+            kind == 2 ? sb_material_neo_hookean(5000, REAL(0.4), 1000) : sb_material_corotated(5000, REAL(0.4), 1000);
         def.integrator = SB_EULER;
         def.damping_stiffness = REAL(0.05);
         def.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-5 : 1e-12);
@@ -569,9 +570,9 @@ static void make_rows(const sb_mesh *mesh, double pull, test_rows *rows)
             at = sb_v3_madd(at, w[a], mesh->nodes[cell[a]]);
         }
         rows->row_start[j] = 4 * j;
-        rows->targets[j] = sb_v3_add(at, sb_v3(REAL(check_random_in(&seed, -pull, pull)),
-                                               REAL(check_random_in(&seed, -pull, pull)),
-                                               REAL(check_random_in(&seed, -pull, pull))));
+        rows->targets[j] =
+            sb_v3_add(at, sb_v3(REAL(check_random_in(&seed, -pull, pull)), REAL(check_random_in(&seed, -pull, pull)),
+                                REAL(check_random_in(&seed, -pull, pull))));
     }
     rows->row_start[ROWS] = 4 * ROWS;
     rows->mapping.row_count = ROWS;
@@ -770,10 +771,11 @@ static void test_tied_parts(void)
     }
     CHECK_OK(sb_body_solve_static(body, NULL, &info));
     for (int p = 0; p < 3; p++)
-        CHECK_NEAR(sb_v3_norm(sb_v3_sub(sb_v3_sub(sb_body_positions(body)[pairs[p][0]],
-                                                  sb_body_positions(body)[pairs[p][1]]), gap)), 0, 1e-3);
+        CHECK_NEAR(sb_v3_norm(sb_v3_sub(
+                       sb_v3_sub(sb_body_positions(body)[pairs[p][0]], sb_body_positions(body)[pairs[p][1]]), gap)),
+                   0, 1e-3);
     force = scene_sum(sb_body_reactions(body), 16);
-    CHECK_NEAR(force.z, -5, scene_tolerance(1e-5, 1e4)); /* the pull arrives at the wall */
+    CHECK_NEAR(force.z, -5, scene_tolerance(1e-5, 1e4));           /* the pull arrives at the wall */
     CHECK_OK(sb_body_release_nodes(body, mesh.elements, 8, SB_X)); /* now both slide together */
     CHECK_RESULT(sb_body_solve_static(body, NULL, &info), SB_ERROR_UNCONSTRAINED);
     sb_body_destroy(body);
@@ -995,8 +997,8 @@ static void test_memory_failures(void)
         int *faces = boundary_faces(&mesh, 2, 0.1, &count, &corners);
         sb_result result = SB_ERROR_MEMORY;
         def.mesh = &mesh;
-        def.material = kind ? sb_material_neo_hookean(5000, REAL(0.4), 1000)
-                            : sb_material_corotated(5000, REAL(0.4), 1000);
+        def.material =
+            kind ? sb_material_neo_hookean(5000, REAL(0.4), 1000) : sb_material_corotated(5000, REAL(0.4), 1000);
         def.damping_stiffness = REAL(0.01);
         def.mass = kind ? SB_MASS_CONSISTENT : SB_MASS_LUMPED;
         twin = scene_body(&def);
@@ -1054,8 +1056,8 @@ static void test_undo(void)
             sb_vec3 point = sb_v3(REAL(0.16), REAL(0.01), 0), was, now;
             unsigned long long hash;
             def.mesh = &mesh;
-            def.material = kind ? sb_material_neo_hookean(5000, REAL(0.3), 1000)
-                                : sb_material_corotated(5000, REAL(0.3), 1000);
+            def.material =
+                kind ? sb_material_neo_hookean(5000, REAL(0.3), 1000) : sb_material_corotated(5000, REAL(0.3), 1000);
             for (int b = 0; b < 2; b++) {
                 bodies[b] = scene_body(&def);
                 scene_fix_plane(bodies[b], &mesh, 0, 0, SB_XYZ);
@@ -1109,8 +1111,8 @@ static void violent(sb_element_type type, sb_material material, double swell, in
     press = add_pressure(body, &mesh, -1, 0, 0);
     CHECK_OK(sb_body_add_springs(body, &node, 1, &k, 1, &home, &id, NULL));
     for (int s = 0; s < steps; s++) {
-        sb_vec3 point = sb_v3_add(home, sb_v3(REAL(0.3 * sin(0.11 * s)), REAL(0.25 * cos(0.23 * s)),
-                                              REAL(0.25 * sin(0.31 * s))));
+        sb_vec3 point =
+            sb_v3_add(home, sb_v3(REAL(0.3 * sin(0.11 * s)), REAL(0.25 * cos(0.23 * s)), REAL(0.25 * sin(0.31 * s))));
         CHECK_OK(sb_body_move_springs(body, id, &point));
         CHECK_OK(sb_body_set_pressure(body, press, REAL(swell * sin(0.05 * s))));
         failed += sb_body_step(body, REAL(0.01), NULL) != SB_OK;
@@ -1256,22 +1258,15 @@ static void test_node_of_no_element(void)
 CHECK_SUITE(load, {"nodes of no element", test_node_of_no_element},
             {"a failed first static solve", test_failed_first_static},
             {"pressure is the gradient of the volume", test_pressure_is_the_volume_gradient},
-            {"pressure follows the body", test_pressure_follows},
-            {"pressure: digits double", test_pressure_tangent},
-            {"thick tube (Lame)", test_thick_tube},
-            {"inflated neo-Hookean sphere", test_inflated_sphere},
+            {"pressure follows the body", test_pressure_follows}, {"pressure: digits double", test_pressure_tangent},
+            {"thick tube (Lame)", test_thick_tube}, {"inflated neo-Hookean sphere", test_inflated_sphere},
             {"springs in statics", test_spring_statics},
-            {"frequency and energy of a mass on springs", test_spring_frequency},
-            {"momentum balances", test_momentum},
+            {"frequency and energy of a mass on springs", test_spring_frequency}, {"momentum balances", test_momentum},
             {"stiff springs at any dt", test_stiff_springs},
             {"mapped points reach their targets", test_mapping_targets},
             {"rows couple far nodes", test_mapping_couples_far_nodes},
-            {"springs are supports", test_springs_as_supports},
-            {"rows tie parts", test_tied_parts},
+            {"springs are supports", test_springs_as_supports}, {"rows tie parts", test_tied_parts},
             {"static solves ramp springs", test_springs_are_ramped},
-            {"static solves ramp pressure", test_pressure_is_ramped},
-            {"bad arguments", test_bad_arguments},
-            {"every allocation fails", test_memory_failures},
-            {"failures are undone", test_undo},
-            {"1,000 violent steps", test_violence},
-            {"threads", test_threads});
+            {"static solves ramp pressure", test_pressure_is_ramped}, {"bad arguments", test_bad_arguments},
+            {"every allocation fails", test_memory_failures}, {"failures are undone", test_undo},
+            {"1,000 violent steps", test_violence}, {"threads", test_threads});

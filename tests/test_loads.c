@@ -220,8 +220,8 @@ static void test_pose(void)
         CHECK_OK(sb_body_step(made.body, REAL(0.01), NULL)); /* supports are where the nodes are */
         for (int i = 0; i < made.mesh.node_count; i++)
             if (!(made.mesh.nodes[i].z > 0))
-                way_off = fmax(way_off, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(made.body)[i],
-                                                                     made.truth[i])));
+                way_off =
+                    fmax(way_off, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(made.body)[i], made.truth[i])));
         CHECK(way_off < 0.002);
     }
     free_slab(&made);
@@ -462,8 +462,7 @@ static void test_memory(void)
 
 /* Matches the corotated organ up to the charge, then finds the loads of a neo-Hookean one; returns the mean error
  * (mm). Fewer samples than by default, for time's sake. */
-static double liver_loads(const liver *made, int held, sb_real charge, int landmark, int rounds,
-                          double *matched_error)
+static double liver_loads(const liver *made, int held, sb_real charge, int landmark, int rounds, double *matched_error)
 {
     sb_body_def body_def = sb_default_body_def();
     reg_match_def def = reg_default_match_def();
@@ -553,7 +552,7 @@ static void test_partial_livers(void)
     liver_free(&noisy);
 }
 
-CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"no direction", test_no_direction},
-            {"a pose", test_pose}, {"a part", test_part}, {"a landmark", test_landmark}, {"refusals", test_refusals},
+CHECK_SUITE(loads, {"a slab that was dragged", test_drag}, {"no direction", test_no_direction}, {"a pose", test_pose},
+            {"a part", test_part}, {"a landmark", test_landmark}, {"refusals", test_refusals},
             {"nothing to find", test_nothing}, {"time cap", test_time_cap}, {"failing allocations", test_memory},
             {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});

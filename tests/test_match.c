@@ -443,8 +443,8 @@ static void test_threads(void)
     CHECK(hash[0] == hash[1] && hash[0] == hash[2]);
 }
 
-/* What the body's preconditioner did before plays no part: a body that a state is loaded into is matched to the same bits
- * as the one that it is of, which has stepped. */
+/* What the body's preconditioner did before plays no part: a body that a state is loaded into is matched to the same
+ * bits as the one that it is of, which has stepped. */
 static void test_loaded(void)
 {
     block made;
@@ -509,8 +509,8 @@ static void test_samples(void)
  * shape or a named error. */
 static void test_odd_targets(void)
 {
-    sb_vec3 corners[4] = {{0, 0, REAL(0.07)}, {REAL(0.2), 0, REAL(0.07)}, {REAL(0.2), REAL(0.06), REAL(0.07)},
-                          {0, 0, REAL(0.07)}};
+    sb_vec3 corners[4] = {
+        {0, 0, REAL(0.07)}, {REAL(0.2), 0, REAL(0.07)}, {REAL(0.2), REAL(0.06), REAL(0.07)}, {0, 0, REAL(0.07)}};
     int triangles[6] = {0, 1, 2, 0, 1, 3};
     for (int kind = 0; kind < 6; kind++) {
         block made;
@@ -567,7 +567,8 @@ static void test_collapse(void)
     free_block(&made);
 }
 
-/* A match made before a change refuses to go on; one made after it moves the body as one that was made with that mesh. */
+/* A match made before a change refuses to go on; one made after it moves the body as one that was made with that
+ * mesh. */
 static void test_changed_mesh(void)
 {
     block made;
@@ -734,8 +735,8 @@ static double match_liver(const liver *made, reg_match_method method, int linear
     reg_match *match;
     double mean = 1e9;
     body_def.mesh = &made->mesh;
-    body_def.material = linear ? sb_material_linear(5000, REAL(0.45), 1060)
-                               : sb_material_corotated(5000, REAL(0.45), 1060);
+    body_def.material =
+        linear ? sb_material_linear(5000, REAL(0.45), 1060) : sb_material_corotated(5000, REAL(0.45), 1060);
     def.body = scene_body(&body_def);
     for (int i = 0; i < made->mesh.node_count; i++)
         if (liver_is_fixed(made, made->mesh.nodes[i]))
@@ -820,7 +821,6 @@ CHECK_SUITE(match, {"element types", test_types}, {"materials", test_materials},
             {"supports that move", test_supports}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"threads", test_threads}, {"samples", test_samples}, {"loaded bodies", test_loaded},
             {"targets that are hardly any", test_odd_targets}, {"a collapse", test_collapse},
-            {"a mesh that changed", test_changed_mesh},
-            {"refusals", test_refusals},
+            {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals},
             {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
             {"livers, partial surfaces", test_partial_livers});

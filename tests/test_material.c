@@ -32,8 +32,7 @@ static sb_material material_of(int model)
     sb_material equivalent = sb_material_svk(YOUNG, POISSON, DENSITY);
     sb_real c = equivalent.c10, d1 = equivalent.d1;
     switch (model) {
-    case SB_MOONEY_RIVLIN:
-        return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
+    case SB_MOONEY_RIVLIN: return sb_material_mooney_rivlin((sb_real)0.75 * c, (sb_real)0.25 * c, d1, DENSITY);
     case SB_REDUCED_POLYNOMIAL: return sb_material_reduced_polynomial(c, c / 2, c / 8, d1, DENSITY);
     case MODEL_COUNT + 1: return sb_material_mooney_rivlin((sb_real)1.5 * c, -c / 2, d1, DENSITY);
     case MODEL_COUNT + 2: return sb_material_reduced_polynomial(c, -c / 2, c / 8, d1, DENSITY);
@@ -141,8 +140,7 @@ static void test_stress_is_energy_gradient(void)
         int inverted = 0;
         double worst = 0;
         for (int sample = 0; sample < SAMPLES; sample++) {
-            sb_mat3 f = random_deformation(model, sample, 0.5, &seed), p,
-                    expected = stress_by_differences(&m, f);
+            sb_mat3 f = random_deformation(model, sample, 0.5, &seed), p, expected = stress_by_differences(&m, f);
             inverted += sb_m3_det(f) < 0;
             CHECK(sb_material_stress(&m, &f, NULL, &p));
             worst = fmax(worst, difference(flat(&p), flat(&expected), 9) / largest_of(flat(&p), 9));
@@ -331,8 +329,8 @@ static void test_quasi_tangent_relation(void)
             s[0] = stretch.x, s[1] = stretch.y, s[2] = stretch.z;
             for (int i = 0; i < 3; i++)
                 for (int j = i + 1; j < 3; j++) {
-                    sb_real tau = (2 * m.mu * (s[i] + s[j] - 2) + 2 * m.lambda * (s[0] + s[1] + s[2] - 3)) /
-                                  (s[i] + s[j]);
+                    sb_real tau =
+                        (2 * m.mu * (s[i] + s[j] - 2) + 2 * m.lambda * (s[0] + s[1] + s[2] - 3)) / (s[i] + s[j]);
                     sb_mat3 twist = sb_m3_sub(sb_m3_outer(sb_m3_column(u, j), sb_m3_column(v, i)),
                                               sb_m3_outer(sb_m3_column(u, i), sb_m3_column(v, j)));
                     for (int p = 0; p < 9; p++)
@@ -374,8 +372,8 @@ static void test_hooke_tangent_at_rest(void)
             CHECK(sb_material_tangent(&m, &rest, NULL, (sb_tangent_kind)kind, A));
             for (int p = 0; p < 81; p++) {
                 int i = p / 27, j = p / 9 % 3, k = p / 3 % 3, l = p % 3;
-                double expected = (double)m.lambda * (i == j && k == l) +
-                                  (double)m.mu * ((i == k && j == l) + (i == l && j == k));
+                double expected =
+                    (double)m.lambda * (i == j && k == l) + (double)m.mu * ((i == k && j == l) + (i == l && j == k));
                 CHECK_NEAR(A[p], expected, 1e3 * (double)SB_EPSILON * (double)m.lambda);
             }
         }
@@ -403,8 +401,7 @@ static void test_objectivity(void)
         sb_material m = material_of(model);
         unsigned long long seed = 18;
         for (int sample = 0; sample < 30; sample++) {
-            sb_mat3 f = random_deformation(model, sample, 0.5, &seed), q = random_rotation(&seed), p,
-                    turned_p;
+            sb_mat3 f = random_deformation(model, sample, 0.5, &seed), q = random_rotation(&seed), p, turned_p;
             sb_mat3 turned = sb_m3_mul(q, f), expected;
             sb_real energy, turned_energy;
             CHECK(sb_material_stress(&m, &f, NULL, &p));
@@ -460,8 +457,7 @@ static void test_closed_forms(void)
             CHECK(sb_material_stress(&m, &f, NULL, &p));
             closed_form(&m, s, g);
             expected = diagonal(g[0], g[1], g[2]);
-            CHECK_NEAR(difference(flat(&p), flat(&expected), 9) / largest_of(flat(&p), 9), 0,
-                       tolerance(1e-13, 60));
+            CHECK_NEAR(difference(flat(&p), flat(&expected), 9) / largest_of(flat(&p), 9), 0, tolerance(1e-13, 60));
         }
     }
 }
@@ -715,8 +711,7 @@ static void test_refused_isochoric(void)
     m = sb_material_neo_hookean_isochoric(300, (sb_real)1e-3, 1000);
     m.lambda *= 2;
     check_refused(&m, SB_ERROR_MATERIAL, "2/d1 is 2000");
-    m = sb_material_neo_hookean_isochoric(300, (sb_real)0.1,
-                                          1000); /* bulk 20 Pa, mu 600 Pa: auxetic, valid */
+    m = sb_material_neo_hookean_isochoric(300, (sb_real)0.1, 1000); /* bulk 20 Pa, mu 600 Pa: auxetic, valid */
     CHECK_OK(sb_material_check(&m, NULL));
     CHECK(sb_material_poisson(&m) < 0);
     m = sb_material_mooney_rivlin(300, -400, (sb_real)1e-3, 1000);
@@ -837,8 +832,8 @@ static void test_fibre_derivatives(void)
             continue;
         stress_error = fmax(stress_error, difference(flat(&p), flat(&expected_p), 9) /
                                               fmax(largest_of(flat(&p), 9), (double)m.fibre_stiffness));
-        tangent_error = fmax(tangent_error, difference(A, expected, 81) /
-                                                fmax(largest_of(A, 81), (double)m.fibre_stiffness));
+        tangent_error =
+            fmax(tangent_error, difference(A, expected, 81) / fmax(largest_of(A, 81), (double)m.fibre_stiffness));
         if (energy > 0)
             lowest = fmin(lowest, lowest_eigenvalue(A) / largest_of(A, 81));
         for (int q = 0; q < 81; q++)
@@ -863,8 +858,7 @@ static void test_fibre_closed_form(void)
         sb_real energy = 5, A[81] = {0};
         CHECK_OK(sb_material_check(&m, NULL));
         CHECK(sb_fibre_energy(&m, &f, along, &energy));
-        CHECK_NEAR((double)energy - 5, k2 > 0 ? k1 / (2 * k2) * expm1(q) : k1 / 2 * e * e,
-                   tolerance(1e-11, 200));
+        CHECK_NEAR((double)energy - 5, k2 > 0 ? k1 / (2 * k2) * expm1(q) : k1 / 2 * e * e, tolerance(1e-11, 200));
         CHECK(sb_fibre_stress(&m, &f, along, &p));
         CHECK_NEAR((double)p.m[1][1] - 2, 2.4 * k1 * e * exp(q), tolerance(1e-10, 1e4));
         CHECK(p.m[0][0] == 1 && p.m[2][2] == 3 && p.m[0][1] == 0);
@@ -935,8 +929,7 @@ static double relaxation_of(double t)
 /* Integral of the relaxation from 0 to t. */
 static double ramp_of(double t)
 {
-    return t - 0.3 * (t - 0.1 * (1 - exp(-t / 0.1))) - 0.2 * (t - (1 - exp(-t))) -
-           0.1 * (t - 20 * (1 - exp(-t / 20)));
+    return t - 0.3 * (t - 0.1 * (1 - exp(-t / 0.1))) - 0.2 * (t - (1 - exp(-t))) - 0.1 * (t - 20 * (1 - exp(-t / 20)));
 }
 
 static void test_relaxation_function(void)
@@ -944,8 +937,7 @@ static void test_relaxation_function(void)
     sb_material m = relaxing(material_of(SB_SVK)), elastic = material_of(SB_SVK);
     const double times[6] = {0, 1e-6, 0.05, 1, 30, 1e4};
     for (int c = 0; c < 6; c++) {
-        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)times[c]), relaxation_of(times[c]),
-                   tolerance(1e-14, 10));
+        CHECK_NEAR(sb_material_relaxation(&m, (sb_real)times[c]), relaxation_of(times[c]), tolerance(1e-14, 10));
         CHECK_NEAR(sb_material_relaxation(&elastic, (sb_real)times[c]), 1, 0);
     }
     CHECK_NEAR(sb_material_relaxation(&m, -1), 1, 0);
@@ -1005,8 +997,7 @@ static void test_ramp(void)
         }
         e = rate * time;
         relaxed = 2 * mu * rate * ramp_of(time);
-        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1,
-                   tolerance(1e-12, 2000));
+        CHECK_NEAR((double)p.m[0][0] / ((double)f.m[0][0] * (bulk * e + relaxed * 2 / 3)), 1, tolerance(1e-12, 2000));
         CHECK_NEAR((double)p.m[1][1] / (bulk * e - relaxed / 3), 1, tolerance(1e-12, 2000));
     }
 }
@@ -1055,8 +1046,7 @@ static void test_relaxing_fibres(void)
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, &direction, &both));
     memset(&history, 0, sizeof history);
     CHECK(sb_material_history_stress(&m, &history, &f, SB_REAL_MAX * 2, NULL, &matrix));
-    CHECK_NEAR((double)(both.m[1][1] - matrix.m[1][1]) / (0.4 * (double)fibres.m[1][1]), 1,
-               tolerance(1e-12, 100));
+    CHECK_NEAR((double)(both.m[1][1] - matrix.m[1][1]) / (0.4 * (double)fibres.m[1][1]), 1, tolerance(1e-12, 100));
     memset(&history, 0, sizeof history);
     CHECK(sb_material_history_stress(&elastic, &history, &f, 1, &direction, &both));
     CHECK_NEAR(difference(flat(&p), flat(&both), 9), 0, 0);
@@ -1145,8 +1135,7 @@ static void test_nearly_flat(void)
     for (int model = 1; model <= MODEL_COUNT; model++)
         for (int c = 2; c < 12; c++) {
             sb_material m = material_of(model);
-            sb_mat3 f =
-                sb_m3_mul(diagonal(1.1, 0.9, pow((double)SB_EPSILON, c / 12.0)), random_rotation(&seed));
+            sb_mat3 f = sb_m3_mul(diagonal(1.1, 0.9, pow((double)SB_EPSILON, c / 12.0)), random_rotation(&seed));
             sb_real A[81];
             if (!(sb_m3_det(f) > 0))
                 continue;
@@ -1224,9 +1213,9 @@ static void test_extreme_deformations(void)
         sb_mat3 f, p;
         sb_real energy, A[81];
         for (int i = 0; i < 9; i++)
-            f.m[i / 3][i % 3] = (sb_real)(check_random_in(&seed, -1, 1) *
-                                          pow(10, sample % 2 ? check_random_in(&seed, -decades, decades)
-                                                             : check_random_in(&seed, -2, 2)));
+            f.m[i / 3][i % 3] =
+                (sb_real)(check_random_in(&seed, -1, 1) * pow(10, sample % 2 ? check_random_in(&seed, -decades, decades)
+                                                                             : check_random_in(&seed, -2, 2)));
         if (sb_material_energy(&m, &f, NULL, &energy))
             CHECK(sb_is_finite(energy));
         if (sb_material_stress(&m, &f, NULL, &p))
@@ -1253,15 +1242,13 @@ CHECK_SUITE(material, {"stress is the energy's gradient", test_stress_is_energy_
             {"objectivity", test_objectivity}, {"closed forms", test_closed_forms},
             {"uniaxial and biaxial states", test_uniaxial_and_biaxial}, {"simple shear", test_simple_shear},
             {"uniaxial Young's modulus", test_uniaxial_young}, {"warm start", test_warm_start},
-            {"Cauchy and von Mises stress", test_cauchy_and_von_mises},
-            {"no stiffness scale", test_stiffness_scale}, {"constants", test_constants},
-            {"presets", test_presets}, {"refused parameters", test_refused_parameters},
+            {"Cauchy and von Mises stress", test_cauchy_and_von_mises}, {"no stiffness scale", test_stiffness_scale},
+            {"constants", test_constants}, {"presets", test_presets}, {"refused parameters", test_refused_parameters},
             {"refused isochoric parameters", test_refused_isochoric}, {"refused fibres", test_refused_fibres},
             {"refused Prony terms", test_refused_prony}, {"fibre derivatives", test_fibre_derivatives},
             {"fibre closed form", test_fibre_closed_form}, {"fibre calls refused", test_fibre_refused},
             {"relaxation function", test_relaxation_function}, {"jump and hold", test_jump_and_hold},
             {"ramp", test_ramp}, {"swing", test_swing}, {"relaxing fibres", test_relaxing_fibres},
-            {"histories refused", test_history_refused},
-            {"inverted and flat deformations", test_inverted_and_flat},
+            {"histories refused", test_history_refused}, {"inverted and flat deformations", test_inverted_and_flat},
             {"nearly flat deformations", test_nearly_flat}, {"refused input", test_refused_input},
             {"corotated kink", test_corotated_kink}, {"extreme deformations", test_extreme_deformations});

@@ -42,10 +42,7 @@ static sb_mat3 stress_at(const sb_material *m, sb_test_kind kind, double x, doub
 /* Constant volume: the pressure that frees the side is subtracted by hand. */
 static double stress_isochoric(const sb_material *m, sb_test_kind kind, double x, int cauchy)
 {
-    double b = kind == SB_TEST_UNIAXIAL      ? 1 / sqrt(x)
-               : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x)
-                                             : 1 / x,
-           nominal;
+    double b = kind == SB_TEST_UNIAXIAL ? 1 / sqrt(x) : kind == SB_TEST_EQUIBIAXIAL ? 1 / (x * x) : 1 / x, nominal;
     sb_mat3 p = stress_at(m, kind, x, b);
     if (kind == SB_TEST_SIMPLE_SHEAR)
         return (double)p.m[0][1];
@@ -74,8 +71,8 @@ static double stress_compressible(const sb_material *m, sb_test_kind kind, doubl
 }
 
 /* count readings of one test, strains from low to high, each off by up to noise of itself. */
-static void add_test(fit_data *data, const sb_material *m, sb_test_kind kind, double low, double high,
-                     int count, int compressible, double noise)
+static void add_test(fit_data *data, const sb_material *m, sb_test_kind kind, double low, double high, int count,
+                     int compressible, double noise)
 {
     unsigned long long seed = 77 + (unsigned long long)kind;
     for (int i = 0; i < count; i++) {
@@ -86,9 +83,8 @@ static void add_test(fit_data *data, const sb_material *m, sb_test_kind kind, do
         point->measure = cauchy ? SB_STRESS_CAUCHY : SB_STRESS_NOMINAL;
         point->strain = (sb_real)(low + (high - low) * i / (count > 1 ? count - 1 : 1));
         x = (double)point->strain;
-        point->stress =
-            (sb_real)((compressible ? stress_compressible : stress_isochoric)(m, kind, x, cauchy) *
-                      (1 + check_random_in(&seed, -noise, noise)));
+        point->stress = (sb_real)((compressible ? stress_compressible : stress_isochoric)(m, kind, x, cauchy) *
+                                  (1 + check_random_in(&seed, -noise, noise)));
     }
 }
 
@@ -193,8 +189,7 @@ static void test_single_tests(void)
             sb_result expected = which && kind > SB_TEST_EQUIBIAXIAL ? SB_ERROR_INDEFINITE : SB_OK;
             data.count = 0;
             add_test(&data, &m, (sb_test_kind)kind, kind == SB_TEST_SIMPLE_SHEAR ? 0.1 : 1.1, 2, 20, 0, 0);
-            CHECK_RESULT(sb_material_fit(m.model, data.points, data.count, &options, &fitted, NULL, &error),
-                         expected);
+            CHECK_RESULT(sb_material_fit(m.model, data.points, data.count, &options, &fitted, NULL, &error), expected);
             if (expected == SB_OK)
                 check_constants(&fitted, &m, tolerance(1e-10, 1e4));
             else
@@ -225,8 +220,7 @@ static void test_compressible_data(void)
             options.compressible = which < 5;
             options.poisson = sb_material_poisson(&m);
             options.d1 = fixed ? m.d1 : 0;
-            if (sb_material_fit(m.model, data.points, data.count, &options, &fitted, &info, &error) !=
-                SB_OK) {
+            if (sb_material_fit(m.model, data.points, data.count, &options, &fitted, &info, &error) != SB_OK) {
                 CHECK(0);
                 printf("  model %d: %s\n", (int)m.model, error.message);
                 continue;
@@ -325,15 +319,13 @@ static void test_weighting(void)
         CHECK_OK(sb_material_fit(m.model, data.points, data.count, &options, &fitted, &info, NULL));
         for (int c = 0; c <= 4; c++) {
             sb_real factor = c == 4 ? (sb_real)1 : (sb_real)(c % 2 ? 1.02 : 0.98);
-            sb_material moved =
-                sb_material_reduced_polynomial(c < 2 ? factor * fitted.c10 : fitted.c10,
-                                               c < 2 ? fitted.c20 : factor * fitted.c20, 0, fitted.d1, 1060);
+            sb_material moved = sb_material_reduced_polynomial(
+                c < 2 ? factor * fitted.c10 : fitted.c10, c < 2 ? fitted.c20 : factor * fitted.c20, 0, fitted.d1, 1060);
             double sum = 0, rms;
             for (int k = 0; k < data.count; k++) {
                 const sb_test_point *p = data.points + k;
-                double error =
-                    stress_isochoric(&moved, p->kind, (double)p->strain, p->measure == SB_STRESS_CAUCHY) -
-                    (double)p->stress;
+                double error = stress_isochoric(&moved, p->kind, (double)p->strain, p->measure == SB_STRESS_CAUCHY) -
+                               (double)p->stress;
                 error /= relative ? (double)p->stress : 1;
                 sum += error * error;
             }
@@ -411,12 +403,10 @@ static void check_refused(const refusal *r, sb_result expected, const char *frag
     untouched = material;
     untouched_info = info;
     memset(&error, 0, sizeof error);
-    CHECK_RESULT(
-        sb_material_fit(r->model, r->data.points, r->data.count, &r->options, &material, &info, NULL),
-        expected);
-    CHECK_RESULT(
-        sb_material_fit(r->model, r->data.points, r->data.count, &r->options, &material, &info, &error),
-        expected);
+    CHECK_RESULT(sb_material_fit(r->model, r->data.points, r->data.count, &r->options, &material, &info, NULL),
+                 expected);
+    CHECK_RESULT(sb_material_fit(r->model, r->data.points, r->data.count, &r->options, &material, &info, &error),
+                 expected);
     CHECK_INT(error.result, expected);
     if (!CHECK(strstr(error.message, fragment) != NULL))
         printf("  message: %s\n", error.message);
@@ -542,14 +532,12 @@ static void test_out_of_reach(void)
 static sb_material liver(void) { return sb_material_preset(SB_LIVER_RAGHUNATHAN, 1060); }
 
 /* count readings from first to last, evenly in log time. */
-static void relax(const sb_material *m, double first, double last, int count, double noise, sb_real *time,
-                  sb_real *g)
+static void relax(const sb_material *m, double first, double last, int count, double noise, sb_real *time, sb_real *g)
 {
     unsigned long long seed = 91;
     for (int k = 0; k < count; k++) {
         time[k] = (sb_real)(first * pow(last / first, (double)k / (count - 1)));
-        g[k] = (sb_real)((double)sb_material_relaxation(m, time[k]) *
-                         (1 + check_random_in(&seed, -noise, noise)));
+        g[k] = (sb_real)((double)sb_material_relaxation(m, time[k]) * (1 + check_random_in(&seed, -noise, noise)));
     }
 }
 
@@ -634,8 +622,8 @@ static void test_prony_of_elastic(void)
     CHECK_NEAR(info.r_squared, 0, 0);
 }
 
-static void check_prony_refused(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                int terms, sb_material material, sb_result expected, const char *fragment)
+static void check_prony_refused(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                sb_material material, sb_result expected, const char *fragment)
 {
     sb_material untouched = material;
     sb_fit_info info, untouched_info;
@@ -682,17 +670,16 @@ static void test_prony_refused(void)
         g[k] = (sb_real)-0.5;
     check_prony_refused(time, g, 20, tau, 3, m, SB_ERROR_MATERIAL, "must be");
     relax(&m, 0.1, 2000, 20, 0, time, g);
-    check_prony_refused(time, g, 20, tau, 3, sb_material_corotated(1000, (sb_real)0.4, 1000),
-                        SB_ERROR_MATERIAL, "not hyperelastic");
+    check_prony_refused(time, g, 20, tau, 3, sb_material_corotated(1000, (sb_real)0.4, 1000), SB_ERROR_MATERIAL,
+                        "not hyperelastic");
 }
 
 CHECK_SUITE(material_fit, {"exact data", test_exact_data}, {"noisy data", test_noisy_data},
             {"single tests", test_single_tests}, {"compressible data", test_compressible_data},
             {"kinematics matter", test_kinematics_matter}, {"linear Young's modulus", test_linear_young},
             {"points at rest", test_points_at_rest}, {"nonnegative constants", test_nonnegative},
-            {"weighting", test_weighting}, {"stability", test_stability},
-            {"refused readings", test_refused_readings}, {"refused options", test_refused_options},
-            {"out of reach", test_out_of_reach}, {"Prony exact", test_prony_exact},
-            {"Prony leaves out", test_prony_leaves_out}, {"Prony noisy", test_prony_noisy},
-            {"Prony spread", test_prony_spread}, {"Prony of an elastic material", test_prony_of_elastic},
-            {"Prony refused", test_prony_refused});
+            {"weighting", test_weighting}, {"stability", test_stability}, {"refused readings", test_refused_readings},
+            {"refused options", test_refused_options}, {"out of reach", test_out_of_reach},
+            {"Prony exact", test_prony_exact}, {"Prony leaves out", test_prony_leaves_out},
+            {"Prony noisy", test_prony_noisy}, {"Prony spread", test_prony_spread},
+            {"Prony of an elastic material", test_prony_of_elastic}, {"Prony refused", test_prony_refused});

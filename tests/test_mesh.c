@@ -56,10 +56,7 @@ static sb_mesh mesh_beam(sb_element_type type, int nx, int ny, int nz)
 }
 
 static int mesh_width(const sb_mesh *mesh) { return sb_element_node_count(mesh->element_type); }
-static int *mesh_nodes_of(const sb_mesh *mesh, int e)
-{
-    return mesh->elements + (size_t)e * (size_t)mesh_width(mesh);
-}
+static int *mesh_nodes_of(const sb_mesh *mesh, int e) { return mesh->elements + (size_t)e * (size_t)mesh_width(mesh); }
 
 /* Adds malloc'ed regions that tell the elements apart. */
 static void mesh_add_regions(sb_mesh *mesh)
@@ -208,13 +205,11 @@ static void test_validate_inverted(void)
         mesh_swap_nodes(mesh_nodes_of(&mesh, 40), 2, 3);
         CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
         CHECK_INT(error.element, 3);
-        CHECK(strstr(error.message, "3 elements") == error.message &&
-              strstr(error.message, "3, 17, 40") != NULL);
+        CHECK(strstr(error.message, "3 elements") == error.message && strstr(error.message, "3, 17, 40") != NULL);
         for (int e = 50; e < 60; e++)
             mesh_swap_nodes(mesh_nodes_of(&mesh, e), 2, 3);
         CHECK_RESULT(sb_mesh_validate(&mesh, &error), SB_ERROR_MESH);
-        CHECK(strstr(error.message, "13 elements") == error.message &&
-              strstr(error.message, "54, ...") != NULL);
+        CHECK(strstr(error.message, "13 elements") == error.message && strstr(error.message, "54, ...") != NULL);
         sb_mesh_free(&mesh);
     }
 }
@@ -322,8 +317,7 @@ static void test_report_sound(void)
     CHECK_NEAR(report.volume, 2.4e-5, 2.4e-5 * mesh_eps(64));
     CHECK_NEAR(report.min_edge, 0.01, mesh_eps(1));
     CHECK_NEAR(report.max_edge, 0.01 * sqrt(3.0), mesh_eps(1));
-    CHECK_NEAR(report.worst_quality, 12 * pow(0.25, 1.0 / 3) / 10,
-               mesh_eps(64)); /* V = h^3/6, edges 1 1 1 2 2 3 */
+    CHECK_NEAR(report.worst_quality, 12 * pow(0.25, 1.0 / 3) / 10, mesh_eps(64)); /* V = h^3/6, edges 1 1 1 2 2 3 */
     CHECK(report.worst_element >= 0);
     sb_mesh_report_free(&report);
     CHECK(report.bad == NULL);
@@ -390,8 +384,8 @@ static int mesh_read(const char *path, sb_mesh *mesh)
         char text[3][32];
         if (strcmp(word, "v") == 0) {
             ok = fscanf(file, "%31s %31s %31s", text[0], text[1], text[2]) == 3 && mesh->node_count < 1000;
-            mesh->nodes[mesh->node_count++] = sb_v3(
-                MREAL(strtod(text[0], NULL)), MREAL(strtod(text[1], NULL)), MREAL(strtod(text[2], NULL)));
+            mesh->nodes[mesh->node_count++] =
+                sb_v3(MREAL(strtod(text[0], NULL)), MREAL(strtod(text[1], NULL)), MREAL(strtod(text[2], NULL)));
             mesh->element_type = SB_TRI3;
         } else if (strcmp(word, "f") == 0) {
             int *f = mesh->elements + 3 * mesh->element_count++;
@@ -609,9 +603,8 @@ static void test_area_and_bounds(void)
         CHECK_NEAR(sb_mesh_surface_area(&surface), 2 * (12e-4 + 8e-4 + 6e-4), 1e-2 * mesh_eps(64));
         CHECK_NEAR(report.area, 2 * (12e-4 + 8e-4 + 6e-4), 1e-2 * mesh_eps(64));
         CHECK_NEAR(report.volume, 2.4e-5, 2.4e-5 * mesh_eps(256));
-        CHECK_INT(report.open_edges + report.nonmanifold_edges + report.inconsistent_edges +
-                      report.nonmanifold_vertices,
-                  0);
+        CHECK_INT(
+            report.open_edges + report.nonmanifold_edges + report.inconsistent_edges + report.nonmanifold_vertices, 0);
         CHECK_INT(sb_mesh_surface_area(&mesh) == 0, 1);
         sb_mesh_bounds(&surface, &low, &high);
         CHECK(low.x == 0 && low.y == 0 && low.z == 0);
@@ -765,8 +758,8 @@ static void test_orient_one_sided(void)
         double angle = 6.283185307179586 * i / (double)STEPS;
         for (int side = 0; side < 2; side++) {
             double r = 1 + (side ? 0.2 : -0.2) * cos(angle / 2);
-            nodes[2 * i + side] = sb_v3(MREAL(r * cos(angle)), MREAL(r * sin(angle)),
-                                        MREAL((side ? 0.2 : -0.2) * sin(angle / 2)));
+            nodes[2 * i + side] =
+                sb_v3(MREAL(r * cos(angle)), MREAL(r * sin(angle)), MREAL((side ? 0.2 : -0.2) * sin(angle / 2)));
         }
         elements[4 * i] = 2 * i;
         elements[4 * i + 1] = 2 * i + 1;
@@ -811,8 +804,7 @@ static void test_merge_nodes(void)
         CHECK_OK(sb_mesh_validate(&split, NULL));
         for (int e = 0; e < mesh.element_count; e++)
             for (int a = 0; a < 4; a++) {
-                sb_vec3 d = sb_v3_sub(split.nodes[mesh_nodes_of(&split, e)[a]],
-                                      mesh.nodes[mesh_nodes_of(&mesh, e)[a]]);
+                sb_vec3 d = sb_v3_sub(split.nodes[mesh_nodes_of(&split, e)[a]], mesh.nodes[mesh_nodes_of(&mesh, e)[a]]);
                 CHECK(d.x == 0 && d.y == 0 && d.z == 0);
             }
         CHECK_OK(sb_mesh_merge_nodes(&split, MREAL(tolerances[i]), &merged, NULL));
@@ -1094,8 +1086,7 @@ static void test_to_tet10(void)
         for (int i = 0; i < 6; i++) {
             sb_vec3 middle;
             sb_element_edge(SB_TET10, i, edge);
-            middle =
-                sb_v3_scale(MREAL(0.5), sb_v3_add(tet10.nodes[nodes[edge[0]]], tet10.nodes[nodes[edge[1]]]));
+            middle = sb_v3_scale(MREAL(0.5), sb_v3_add(tet10.nodes[nodes[edge[0]]], tet10.nodes[nodes[edge[1]]]));
             CHECK_NEAR(sb_v3_norm(sb_v3_sub(middle, tet10.nodes[nodes[edge[2]]])), 0, mesh_eps(0.1));
         }
     }
@@ -1184,8 +1175,8 @@ static void test_reorder(void)
     for (int t = 0; t < MESH_VOLUMES; t++) {
         sb_mesh mesh = mesh_none(), old = mesh_none();
         int *node_map, *element_map, lowest_before = -1;
-        CHECK_OK(sb_mesh_beam(mesh_volume_types[t], 20, 3, 3, sb_v3(MREAL(0.2), MREAL(0.03), MREAL(0.03)),
-                              NULL, &mesh, NULL));
+        CHECK_OK(sb_mesh_beam(mesh_volume_types[t], 20, 3, 3, sb_v3(MREAL(0.2), MREAL(0.03), MREAL(0.03)), NULL, &mesh,
+                              NULL));
         mesh_add_regions(&mesh);
         mesh_shuffle(&mesh, 11);
         CHECK_OK(sb_mesh_copy(&mesh, NULL, &old, NULL));
@@ -1395,8 +1386,7 @@ static sb_mesh mesh_random(unsigned long long *seed)
     for (int i = 0; i < mesh.element_count * mesh_width(&mesh); i++) {
         mesh.elements[i] = (int)(check_random(seed) * mesh.node_count);
         if (wildness > 0.8 && check_random(seed) < 0.01)
-            mesh.elements[i] =
-                check_random(seed) < 0.5 ? mesh.node_count : -1 - (int)(check_random(seed) * 1e9);
+            mesh.elements[i] = check_random(seed) < 0.5 ? mesh.node_count : -1 - (int)(check_random(seed) * 1e9);
     }
     return mesh;
 }
@@ -1414,8 +1404,7 @@ static void test_hostile(void)
         sb_result valid = sb_mesh_validate(&mesh, &error);
         int own = 0, in_range;
         for (int d = SB_MESH_INDEX_RANGE; d <= SB_MESH_BAD_MIDSIDE; d++)
-            own += sb_element_dimension(mesh.element_type) == 2 && d == SB_MESH_FLAT ? 0
-                                                                                     : report.defect_count[d];
+            own += sb_element_dimension(mesh.element_type) == 2 && d == SB_MESH_FLAT ? 0 : report.defect_count[d];
         CHECK_INT(valid == SB_OK, own == 0 && report.not_finite_nodes == 0);
         if (valid == SB_ERROR_INDEX || valid == SB_ERROR_MESH)
             CHECK(error.element >= 0 && error.element < mesh.element_count);
@@ -1427,8 +1416,7 @@ static void test_hostile(void)
             CHECK(in_range || which <= 2 ? result != SB_ERROR_INDEX : result != SB_OK);
             if (sb_mesh_orient(&mesh, NULL, NULL) == SB_OK && sb_element_dimension(mesh.element_type) == 3)
                 for (int e = 0; e < mesh.element_count; e++)
-                    CHECK(sb_is_finite(sb_mesh_element_quality(&mesh, e)) ||
-                          !sb_is_finite(sb_mesh_volume(&mesh)));
+                    CHECK(sb_is_finite(sb_mesh_element_quality(&mesh, e)) || !sb_is_finite(sb_mesh_volume(&mesh)));
         }
         if (in_range && sb_mesh_remove_unreferenced(&keep, NULL, NULL) == SB_OK &&
             sb_mesh_to_tet10(&keep, NULL, &made, NULL) == SB_OK)
@@ -1441,23 +1429,21 @@ static void test_hostile(void)
 
 CHECK_SUITE(mesh, {"free and copy", test_free_and_copy}, {"validate: counts", test_validate_counts},
             {"validate: nodes and indices", test_validate_nodes_and_indices},
-            {"validate: inverted at any scale", test_validate_inverted},
-            {"validate: flat", test_validate_flat}, {"validate: crossed hex", test_validate_hex},
-            {"validate: mid-edge nodes", test_validate_midside},
-            {"validate: quadratic hexes", test_validate_quadratic_hex},
-            {"validate: surfaces", test_validate_surface}, {"report of a sound mesh", test_report_sound},
+            {"validate: inverted at any scale", test_validate_inverted}, {"validate: flat", test_validate_flat},
+            {"validate: crossed hex", test_validate_hex}, {"validate: mid-edge nodes", test_validate_midside},
+            {"validate: quadratic hexes", test_validate_quadratic_hex}, {"validate: surfaces", test_validate_surface},
+            {"report of a sound mesh", test_report_sound},
             {"report lists every bad element", test_report_lists_every_bad_element},
-            {"bad files: elements", test_bad_files_elements},
-            {"bad files: surfaces", test_bad_files_surfaces}, {"bad files: nodes", test_bad_files_nodes},
-            {"volume of curved elements", test_volume_curved}, {"volume of warped hexes", test_volume_hex},
-            {"area and bounds", test_area_and_bounds}, {"quality", test_quality},
-            {"orient volumes", test_orient_volume}, {"orient surfaces", test_orient_surface},
+            {"bad files: elements", test_bad_files_elements}, {"bad files: surfaces", test_bad_files_surfaces},
+            {"bad files: nodes", test_bad_files_nodes}, {"volume of curved elements", test_volume_curved},
+            {"volume of warped hexes", test_volume_hex}, {"area and bounds", test_area_and_bounds},
+            {"quality", test_quality}, {"orient volumes", test_orient_volume}, {"orient surfaces", test_orient_surface},
             {"orient a one-sided surface", test_orient_one_sided}, {"merge nodes", test_merge_nodes},
             {"merge tolerance", test_merge_tolerance}, {"remove elements and nodes", test_remove},
             {"scale", test_scale}, {"boundary", test_boundary}, {"neighbours", test_neighbours},
             {"neighbours at crowded edges", test_neighbours_crowded}, {"edges", test_edges},
             {"elements of nodes", test_node_elements}, {"components", test_components},
-            {"tet4 to tet10", test_to_tet10}, {"hex8 to hex20 and hex27", test_to_quadratic_hex}, {"reorder", test_reorder},
-            {"reorder parts and unused nodes", test_reorder_parts},
+            {"tet4 to tet10", test_to_tet10}, {"hex8 to hex20 and hex27", test_to_quadratic_hex},
+            {"reorder", test_reorder}, {"reorder parts and unused nodes", test_reorder_parts},
             {"every allocation failing", test_allocation_failures}, {"null outputs", test_null_outputs},
             {"hostile meshes", test_hostile});

@@ -39,16 +39,14 @@ static double meshgen_check_solid(const sb_mesh *mesh)
         /* Euler: a sphere has nodes - edges + faces = 2 (corner nodes) */
         if (!meshgen_is_quadratic(mesh->element_type))
             CHECK_INT(boundary.surface.node_count -
-                          boundary.surface.element_count *
-                              sb_element_edge_count(boundary.surface.element_type) / 2 +
+                          boundary.surface.element_count * sb_element_edge_count(boundary.surface.element_type) / 2 +
                           boundary.surface.element_count,
                       2);
         CHECK_NEAR(skin.volume / report.volume, 1, meshgen_eps(4096));
         sb_mesh_report_free(&skin);
         sb_boundary_free(&boundary);
     }
-    CHECK_INT(
-        report.bad_count + report.unreferenced_nodes + report.duplicate_nodes + report.nonmanifold_faces, 0);
+    CHECK_INT(report.bad_count + report.unreferenced_nodes + report.duplicate_nodes + report.nonmanifold_faces, 0);
     CHECK_INT(report.components, 1);
     CHECK(mesh->regions == NULL);
     worst = (double)report.worst_quality;
@@ -62,8 +60,8 @@ static void test_beam(void)
         sb_mesh mesh = meshgen_none();
         sb_vec3 low, high;
         int corners = 6 * 4 * 3;
-        CHECK_OK(sb_mesh_beam(meshgen_types[t], 5, 3, 2, sb_v3(GREAL(0.1), GREAL(0.06), GREAL(0.04)), NULL,
-                              &mesh, NULL));
+        CHECK_OK(
+            sb_mesh_beam(meshgen_types[t], 5, 3, 2, sb_v3(GREAL(0.1), GREAL(0.06), GREAL(0.04)), NULL, &mesh, NULL));
         CHECK_INT(mesh.element_type, meshgen_types[t]);
         CHECK_INT(mesh.element_count, meshgen_is_hex(t) ? 30 : 180);
         if (meshgen_types[t] == SB_HEX27)
@@ -94,8 +92,8 @@ static void test_cylinder(void)
             sb_mesh mesh = meshgen_none();
             sb_vec3 low, high;
             int axis = i % 3;
-            CHECK_OK(sb_mesh_cylinder(meshgen_types[t], axis, GREAL(0.02), GREAL(0.04), across[i],
-                                      across[i] - 1, NULL, &mesh, NULL));
+            CHECK_OK(sb_mesh_cylinder(meshgen_types[t], axis, GREAL(0.02), GREAL(0.04), across[i], across[i] - 1, NULL,
+                                      &mesh, NULL));
             CHECK(meshgen_check_solid(&mesh) > (meshgen_is_hex(t) ? 0.6 : 0.4));
             sb_mesh_bounds(&mesh, &low, &high);
             CHECK_NEAR(axis == 0 ? high.x : (axis == 1 ? high.y : high.z), 0.04, meshgen_eps(1));
@@ -143,8 +141,8 @@ static void test_ellipsoid(void)
         for (int cells = 4; cells <= 13; cells++) {
             sb_mesh mesh = meshgen_none();
             sb_boundary boundary;
-            CHECK_OK(sb_mesh_ellipsoid(meshgen_types[t], sb_v3(GREAL(0.03), GREAL(0.02), GREAL(0.04)), cells,
-                                       NULL, &mesh, NULL));
+            CHECK_OK(sb_mesh_ellipsoid(meshgen_types[t], sb_v3(GREAL(0.03), GREAL(0.02), GREAL(0.04)), cells, NULL,
+                                       &mesh, NULL));
             CHECK(meshgen_check_solid(&mesh) > (meshgen_is_hex(t) ? 0.4 : 0.25));
             CHECK_OK(sb_mesh_boundary(&mesh, 1, NULL, &boundary, NULL));
             for (int v = 0; !meshgen_is_quadratic(meshgen_types[t]) && v < boundary.surface.node_count; v++) {
@@ -211,8 +209,7 @@ static void test_organ_shape(void)
     CHECK_NEAR(high.y - low.y, 0.14, 0.02);
     CHECK_NEAR(high.z - low.z, 0.11, 0.02);
     for (int e = 0; e < mesh.element_count; e++) {
-        double x = (double)mesh.nodes[mesh.elements[4 * e]].x,
-               volume = (double)sb_mesh_element_volume(&mesh, e);
+        double x = (double)mesh.nodes[mesh.elements[4 * e]].x, volume = (double)sb_mesh_element_volume(&mesh, e);
         *(x < 0 ? &right : &left) += volume;
     }
     CHECK(right > 1.3 * left);
@@ -253,8 +250,7 @@ static void test_arguments(void)
     CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, INT_MIN, unit, NULL, &mesh, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, 1, sb_v3(1, 0, 1), NULL, &mesh, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, 1, sb_v3(1, 1, nan), NULL, &mesh, &error), SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, 1, sb_v3(infinite, 1, 1), NULL, &mesh, &error),
-                 SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, 1, sb_v3(infinite, 1, 1), NULL, &mesh, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_beam(SB_TET4, 1, 1, 1, unit, NULL, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_cylinder(SB_TET4, 3, 1, 1, 4, 1, NULL, &mesh, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_cylinder(SB_TET4, -1, 1, 1, 4, 1, NULL, &mesh, &error), SB_ERROR_ARGUMENT);
@@ -304,16 +300,13 @@ static void test_too_many(void)
     sb_mesh mesh = meshgen_none();
     allocator.alloc = meshgen_alloc, allocator.release = meshgen_release, allocator.user = &memory;
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++)
-        CHECK_RESULT(sb_mesh_beam(SB_TET4, counts[i][0], counts[i][1], counts[i][2], sb_v3(1, 1, 1),
-                                  &allocator, &mesh, NULL),
-                     SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_mesh_cylinder(SB_HEX8, 0, 1, 1, 20000, INT_MAX, &allocator, &mesh, NULL),
-                 SB_ERROR_ARGUMENT);
-    CHECK_RESULT(sb_mesh_ellipsoid(SB_TET4, sb_v3(1, 1, 1), 1001, &allocator, &mesh, NULL),
-                 SB_ERROR_ARGUMENT);
+        CHECK_RESULT(
+            sb_mesh_beam(SB_TET4, counts[i][0], counts[i][1], counts[i][2], sb_v3(1, 1, 1), &allocator, &mesh, NULL),
+            SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_mesh_cylinder(SB_HEX8, 0, 1, 1, 20000, INT_MAX, &allocator, &mesh, NULL), SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_mesh_ellipsoid(SB_TET4, sb_v3(1, 1, 1), 1001, &allocator, &mesh, NULL), SB_ERROR_ARGUMENT);
     CHECK_INT(memory.calls, 0);
-    CHECK_RESULT(sb_mesh_beam(SB_HEX8, 1280, 1280, 1280, sb_v3(1, 1, 1), &allocator, &mesh, NULL),
-                 SB_ERROR_MEMORY);
+    CHECK_RESULT(sb_mesh_beam(SB_HEX8, 1280, 1280, 1280, sb_v3(1, 1, 1), &allocator, &mesh, NULL), SB_ERROR_MEMORY);
     CHECK((memory.calls > 0 || SIZE_MAX <= UINT32_MAX) && memory.live == 0 && mesh.nodes == NULL);
 }
 
@@ -350,8 +343,8 @@ static void test_allocation_failures(void)
     }
 }
 
-CHECK_SUITE(meshgen, {"beam", test_beam}, {"cylinder", test_cylinder},
-            {"volume converges", test_volume_order}, {"ellipsoid", test_ellipsoid}, {"organ", test_organ},
-            {"organ at its finest", test_organ_largest}, {"organ looks like a liver", test_organ_shape},
-            {"same bits", test_same_bits}, {"arguments", test_arguments}, {"too many cells", test_too_many},
+CHECK_SUITE(meshgen, {"beam", test_beam}, {"cylinder", test_cylinder}, {"volume converges", test_volume_order},
+            {"ellipsoid", test_ellipsoid}, {"organ", test_organ}, {"organ at its finest", test_organ_largest},
+            {"organ looks like a liver", test_organ_shape}, {"same bits", test_same_bits},
+            {"arguments", test_arguments}, {"too many cells", test_too_many},
             {"every allocation failing", test_allocation_failures});

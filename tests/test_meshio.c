@@ -49,8 +49,8 @@ static void expect_skin(const sb_mesh *mesh)
 
 /* ---- builders ------------------------------------------------------------------------------------- */
 
-static void put_vtk_points(bytes *b, int binary, const char *type, int size, int is_float,
-                           const double nodes[][3], int count)
+static void put_vtk_points(bytes *b, int binary, const char *type, int size, int is_float, const double nodes[][3],
+                           int count)
 {
     char line[64];
     snprintf(line, sizeof line, "POINTS %d %s\n", count, type);
@@ -292,18 +292,16 @@ static void build_gmsh4_big(bytes *b) { build_gmsh4(b, 1, 1, 4); }
 
 static void build_gmsh_skin(bytes *b)
 {
-    put_text(
-        b, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 0 1 0\n3 1 0 0\n4 0 0 1\n$EndNodes\n"
-           "$Elements\n5\n1 1 2 0 1 1 2\n2 2 2 0 1 1 2 3\n3 2 2 0 1 1 4 2\n4 2 2 0 1 1 3 4\n5 2 2 0 1 2 4 3\n"
-           "$EndElements\n");
+    put_text(b, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 0 1 0\n3 1 0 0\n4 0 0 1\n$EndNodes\n"
+                "$Elements\n5\n1 1 2 0 1 1 2\n2 2 2 0 1 1 2 3\n3 2 2 0 1 1 4 2\n4 2 2 0 1 1 3 4\n5 2 2 0 1 2 4 3\n"
+                "$EndElements\n");
 }
 
 static void build_obj(bytes *b)
 {
-    put_text(b,
-             "# comment\r\nmtllib C:\\folder\\\r\no thing\r\nvn 0 0 1\r\nvt 0 0\r\nv 0 0 0\r\nv 0 1 0 1.0\r\n"
-             "\r\nf 1/1/1 2/1 3//1\r\nv 1 0 0 0.5 0.5 0.5\r\nv 0 0 \\\r\n 1\r\ns off\r\nusemtl a\r\n"
-             "f -4 -1 -3 # relative\r\nf 1 \\\r\n3 4\r\nf 2 4 3\r\nl 1 2");
+    put_text(b, "# comment\r\nmtllib C:\\folder\\\r\no thing\r\nvn 0 0 1\r\nvt 0 0\r\nv 0 0 0\r\nv 0 1 0 1.0\r\n"
+                "\r\nf 1/1/1 2/1 3//1\r\nv 1 0 0 0.5 0.5 0.5\r\nv 0 0 \\\r\n 1\r\ns off\r\nusemtl a\r\n"
+                "f -4 -1 -3 # relative\r\nf 1 \\\r\n3 4\r\nf 2 4 3\r\nl 1 2");
 }
 
 static void build_stl_ascii(bytes *b)
@@ -315,8 +313,7 @@ static void build_stl_ascii(bytes *b)
         put_text(b, "facet normal nan 0 1\n outer loop\n");
         for (int k = 0; k < 3; k++) {
             const double *x = skin_nodes[skin_cells[i][k]];
-            snprintf(line, sizeof line, "  vertex %g %s%ge-0 %.8f\n", x[0], i == 1 ? "-" : "",
-                     i == 1 ? 0 : x[1], x[2]);
+            snprintf(line, sizeof line, "  vertex %g %s%ge-0 %.8f\n", x[0], i == 1 ? "-" : "", i == 1 ? 0 : x[1], x[2]);
             if (i == 1 && x[1] != 0)
                 snprintf(line, sizeof line, "  vertex %g %g %g\n", x[0], x[1], x[2]);
             put_text(b, line);
@@ -347,13 +344,11 @@ static void build_ply(bytes *b, const char *format, int binary, int big_endian)
     b->big_endian = big_endian;
     put_text(b, "ply\nformat ");
     put_text(b, format);
-    put_text(
-        b,
-        " 1.0\ncomment made by a test\nelement camera 1\nproperty list uchar short view\nelement vertex 4\n"
-        "property uchar red\nproperty float x\nproperty double y\nproperty ushort z\nproperty int flag\n"
-        "obj_info more\nelement nothing 3\nelement face 4\nproperty float quality\n"
-        "property list uchar int32 vertex_indices\nproperty list int float texcoord\n"
-        "element tail 1\nproperty double t\nend_header\n");
+    put_text(b, " 1.0\ncomment made by a test\nelement camera 1\nproperty list uchar short view\nelement vertex 4\n"
+                "property uchar red\nproperty float x\nproperty double y\nproperty ushort z\nproperty int flag\n"
+                "obj_info more\nelement nothing 3\nelement face 4\nproperty float quality\n"
+                "property list uchar int32 vertex_indices\nproperty list int float texcoord\n"
+                "element tail 1\nproperty double t\nend_header\n");
     put_number(b, binary, 2, 1, 0);
     put_number(b, binary, -7, 2, 0);
     put_number(b, binary, 8, 2, 0);
@@ -434,12 +429,15 @@ static void test_marks_and_nuls(void)
         sb_file_format format;
     } texts[] = {
         {"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0\n1 0 0\n0 1 0\n"
-         "POLYGONS 1 4\n3 0 1 2\n", SB_FILE_VTK},
+         "POLYGONS 1 4\n3 0 1 2\n",
+         SB_FILE_VTK},
         {"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n$Elements\n1\n"
-         "1 2 2 0 1 1 2 3\n$EndElements\n", SB_FILE_GMSH},
+         "1 2 2 0 1 1 2 3\n$EndElements\n",
+         SB_FILE_GMSH},
         {"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n# end\n", SB_FILE_OBJ},
         {"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
-         "endsolid s\n", SB_FILE_STL},
+         "endsolid s\n",
+         SB_FILE_STL},
         {"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
          "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
          SB_FILE_PLY},
@@ -487,8 +485,8 @@ static void test_variants(void)
         memset(&mesh, 0, sizeof mesh);
         seeds[i].build(&b);
         for (int named = 0; named < 2; named++) {
-            if (CHECK_OK(sb_mesh_load_memory(&mesh, b.data, b.size, named ? seeds[i].format : SB_FILE_AUTO,
-                                             NULL, &options, &error))) {
+            if (CHECK_OK(sb_mesh_load_memory(&mesh, b.data, b.size, named ? seeds[i].format : SB_FILE_AUTO, NULL,
+                                             &options, &error))) {
                 if (seeds[i].is_pair)
                     expect_pair(&mesh);
                 else
@@ -516,10 +514,9 @@ static void test_vtk_types(void)
     static const struct {
         const char *name;
         int size, is_float;
-    } types[] = {{"unsigned_char", 1, 0},  {"char", 1, 0},          {"short", 2, 0},
-                 {"unsigned_short", 2, 0}, {"int", 4, 0},           {"unsigned_int", 4, 0},
-                 {"long", 8, 0},           {"unsigned_long", 8, 0}, {"vtkIdType", 4, 0},
-                 {"vtktypeint64", 8, 0},   {"vtktypeuint64", 8, 0}, {"float", 4, 1},
+    } types[] = {{"unsigned_char", 1, 0}, {"char", 1, 0},         {"short", 2, 0},         {"unsigned_short", 2, 0},
+                 {"int", 4, 0},           {"unsigned_int", 4, 0}, {"long", 8, 0},          {"unsigned_long", 8, 0},
+                 {"vtkIdType", 4, 0},     {"vtktypeint64", 8, 0}, {"vtktypeuint64", 8, 0}, {"float", 4, 1},
                  {"double", 8, 1}};
     for (size_t i = 0; i < 2 * sizeof types / sizeof types[0]; i++) {
         int type = (int)(i / 2), binary = (int)(i % 2);
@@ -537,8 +534,8 @@ static void test_vtk_types(void)
 }
 
 /* Texts that hold a surface or volume: type, counts and volume (signed; 0: not looked at). */
-static void expect_text(const char *text, sb_file_format format, sb_element_type type, int nodes,
-                        int elements, double volume)
+static void expect_text(const char *text, sb_file_format format, sb_element_type type, int nodes, int elements,
+                        double volume)
 {
     sb_mesh mesh;
     sb_error error;
@@ -561,13 +558,12 @@ static void expect_text(const char *text, sb_file_format format, sb_element_type
 static void test_vtk_cells(void)
 {
     /* a voxel counts rows, a hexahedron goes round */
-    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n11\n",
-                SB_FILE_VTK, SB_HEX8, 8, 1, 1);
-    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 1 9\n8 0 1 3 2 4 5 7 6\nCELL_TYPES 1\n12\n",
-                SB_FILE_VTK, SB_HEX8, 8, 1, 1);
+    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n11\n", SB_FILE_VTK,
+                SB_HEX8, 8, 1, 1);
+    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 1 9\n8 0 1 3 2 4 5 7 6\nCELL_TYPES 1\n12\n", SB_FILE_VTK,
+                SB_HEX8, 8, 1, 1);
     /* quadrilaterals alone stay, among triangles they are cut */
-    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE
-                         "CELLS 2 10\n4 0 1 3 2\n4 4 5 6 7\nCELL_TYPES 2\n9 8\n",
+    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 10\n4 0 1 3 2\n4 4 5 6 7\nCELL_TYPES 2\n9 8\n",
                 SB_FILE_VTK, SB_QUAD4, 8, 2, 0);
     expect_text(VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE
                          "CELLS 3 14\n4 0 1 3 2\n3 4 5 6\n4 4 5 6 7\nCELL_TYPES 3\n9 5 8\n",
@@ -588,16 +584,14 @@ static void test_vtk_regions(void)
 {
     sb_mesh mesh;
     if (CHECK_OK(load_text(&mesh,
-                           VTK_HEAD
-                           "UNSTRUCTURED_GRID\nPOINTS 5 float\n0 0 0 1 0 0 0 1 0 0 0 1 1 1 1\n"
-                           "CELLS 3 14\n3 0 1 2\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 3\n5 10 10\n"
-                           "CELL_DATA 3\nSCALARS region unsigned_char\nLOOKUP_TABLE default\n9 3 7\n",
+                           VTK_HEAD "UNSTRUCTURED_GRID\nPOINTS 5 float\n0 0 0 1 0 0 0 1 0 0 0 1 1 1 1\n"
+                                    "CELLS 3 14\n3 0 1 2\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 3\n5 10 10\n"
+                                    "CELL_DATA 3\nSCALARS region unsigned_char\nLOOKUP_TABLE default\n9 3 7\n",
                            SB_FILE_VTK, NULL)))
         expect_pair(&mesh);
     sb_mesh_free(&mesh);
     if (CHECK_OK(load_text(&mesh,
-                           VTK_HEAD "POLYDATA\n" VTK_CUBE
-                                    "LINES 1 3\n2 0 1\nPOLYGONS 2 9\n4 0 1 3 2\n3 4 5 6\n"
+                           VTK_HEAD "POLYDATA\n" VTK_CUBE "LINES 1 3\n2 0 1\nPOLYGONS 2 9\n4 0 1 3 2\n3 4 5 6\n"
                                     "CELL_DATA 3\nFIELD f 1\nRegion 1 3 short\n9 -3 7\n",
                            SB_FILE_VTK, NULL)) &&
         CHECK(mesh.element_count == 3 && mesh.regions))
@@ -615,12 +609,11 @@ static void test_gmsh_tet10(void)
     /* gmsh lists the edge 2-3 before 1-3 */
     static const int expected[10] = {0, 1, 2, 3, 4, 5, 6, 7, 9, 8};
     sb_mesh mesh;
-    if (CHECK_OK(
-            load_text(&mesh,
-                      "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n10\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n"
-                      "5 1 0 0\n6 1 1 0\n7 0 1 0\n8 0 0 1\n9 0 1 1\n10 1 0 1\n$EndNodes\n$Elements\n1\n"
-                      "1 11 2 0 1 1 2 3 4 5 6 7 8 9 10\n$EndElements\n",
-                      SB_FILE_AUTO, NULL))) {
+    if (CHECK_OK(load_text(&mesh,
+                           "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n10\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n"
+                           "5 1 0 0\n6 1 1 0\n7 0 1 0\n8 0 0 1\n9 0 1 1\n10 1 0 1\n$EndNodes\n$Elements\n1\n"
+                           "1 11 2 0 1 1 2 3 4 5 6 7 8 9 10\n$EndElements\n",
+                           SB_FILE_AUTO, NULL))) {
         CHECK_INT(mesh.element_type, SB_TET10);
         CHECK(memcmp(mesh.elements, expected, sizeof expected) == 0);
         CHECK(mesh.regions == NULL);
@@ -642,8 +635,8 @@ static void test_gmsh_hexes(void)
         int used = snprintf(text, sizeof text, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n%d\n", nodes);
         sb_mesh mesh;
         for (int i = 0; i < nodes; i++)
-            used += snprintf(text + used, sizeof text - (size_t)used, "%d %d %d %d\n", i + 1, at[i][0], at[i][1],
-                             at[i][2]);
+            used +=
+                snprintf(text + used, sizeof text - (size_t)used, "%d %d %d %d\n", i + 1, at[i][0], at[i][1], at[i][2]);
         used += snprintf(text + used, sizeof text - (size_t)used, "$EndNodes\n$Elements\n1\n1 %d 2 0 1",
                          nodes == 20 ? 17 : 12);
         for (int i = 0; i < nodes; i++)
@@ -681,10 +674,11 @@ static void test_quadratic_texts(void)
         CHECK_NEAR(sb_mesh_surface_area(&mesh), 4, 32 * SB_EPSILON);
     sb_mesh_free(&mesh);
     /* a hex27 by VTK's vtkTriQuadraticHexahedron: 0-19 as hex20, then x- x+ y- y+ z- z+, the centre */
-    expect_text(VTK_HEAD "UNSTRUCTURED_GRID\nPOINTS 27 float\n0 0 0 2 0 0 2 2 0 0 2 0 0 0 2 2 0 2 2 2 2 0 2 2\n"
-                         "1 0 0 2 1 0 1 2 0 0 1 0 1 0 2 2 1 2 1 2 2 0 1 2 0 0 1 2 0 1 2 2 1 0 2 1\n"
-                         "0 1 1 2 1 1 1 0 1 1 2 1 1 1 0 1 1 2 1 1 1\nCELLS 1 28\n27 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 "
-                         "17 18 19 20 21 22 23 24 25 26\nCELL_TYPES 1\n29\n",
+    expect_text(VTK_HEAD
+                "UNSTRUCTURED_GRID\nPOINTS 27 float\n0 0 0 2 0 0 2 2 0 0 2 0 0 0 2 2 0 2 2 2 2 0 2 2\n"
+                "1 0 0 2 1 0 1 2 0 0 1 0 1 0 2 2 1 2 1 2 2 0 1 2 0 0 1 2 0 1 2 2 1 0 2 1\n"
+                "0 1 1 2 1 1 1 0 1 1 2 1 1 1 0 1 1 2 1 1 1\nCELLS 1 28\n27 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 "
+                "17 18 19 20 21 22 23 24 25 26\nCELL_TYPES 1\n29\n",
                 SB_FILE_VTK, SB_HEX27, 27, 1, 0);
 #undef QUAD9_NODES
 }
@@ -696,11 +690,10 @@ static void test_surface_texts(void)
     expect_text("v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r", SB_FILE_OBJ, SB_TRI3, 3, 1, 0);
     expect_text("\xEF\xBB\xBFv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", SB_FILE_AUTO, SB_TRI3, 3, 1, 0);
     expect_text("OFF\n4 1\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n", SB_FILE_AUTO, SB_TRI3, 4, 2, 0);
-    expect_text(
-        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-        "element face 1\nproperty list uint8 uint vertex_index\nend_header\n"
-        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n",
-        SB_FILE_AUTO, SB_TRI3, 4, 2, 0);
+    expect_text("ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+                "element face 1\nproperty list uint8 uint vertex_index\nend_header\n"
+                "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n",
+                SB_FILE_AUTO, SB_TRI3, 4, 2, 0);
 }
 
 /* ---- numbers -------------------------------------------------------------------------------------- */
@@ -775,8 +768,7 @@ static void test_numbers_exact(void)
         check_number(texts[i]);
     for (int i = 0; i < 6000; i++) {
         int range = SB_REAL_IS_FLOAT ? 36 : 300;
-        double mantissa = check_random_in(&state, -10, 10),
-               exponent = floor(check_random_in(&state, -range, range));
+        double mantissa = check_random_in(&state, -10, 10), exponent = floor(check_random_in(&state, -range, range));
         if (i % 2)
             exponent = floor(exponent * 25 / range);
         snprintf(text, sizeof text, i % 3 ? "%.17ge%d" : "%.16fe%d", mantissa, (int)exponent);
@@ -861,8 +853,7 @@ static sb_result load_tetgen(sb_mesh *mesh, const char *nodes, const char *eleme
     return result;
 }
 
-#define TETGEN_NODES                                                                                         \
-    "# nodes\n5 3 1 1\n1 0 0 0 0.5 1\n2 1 0 0 0.5 0\n3 0 1 0 1 0 # here\n\n4 0 0 1 1 1\n5 1 1 1 1 1\n"
+#define TETGEN_NODES "# nodes\n5 3 1 1\n1 0 0 0 0.5 1\n2 1 0 0 0.5 0\n3 0 1 0 1 0 # here\n\n4 0 0 1 1 1\n5 1 1 1 1 1\n"
 #define TETGEN_CELLS "2 4 1\n1 1 2 3 4 3\n2 2 3 4 5 7.0\n# end\n"
 
 static void test_tetgen(void)
@@ -874,16 +865,15 @@ static void test_tetgen(void)
             expect_pair(&mesh);
         sb_mesh_free(&mesh);
     }
-    if (CHECK_OK(load_tetgen(&mesh, "4 3\n0 0 0 0\n1 1 0 0\n2 0 1 0\n3 0 0 1\n", "1 4\n0 0 1 2 3\n", ".ele",
-                             NULL, NULL)))
+    if (CHECK_OK(
+            load_tetgen(&mesh, "4 3\n0 0 0 0\n1 1 0 0\n2 0 1 0\n3 0 0 1\n", "1 4\n0 0 1 2 3\n", ".ele", NULL, NULL)))
         CHECK_NEAR(sb_mesh_volume(&mesh), 1.0 / 6, SB_EPSILON);
     sb_mesh_free(&mesh);
     /* mid-edge nodes in whatever order: here 23 03 01 12 13 02 */
-    if (CHECK_OK(
-            load_tetgen(&mesh,
-                        "10 3 0 0\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n5 0 1 1\n6 0 0 1\n7 1 0 0\n8 1 1 0\n"
-                        "9 1 0 1\n10 0 1 0\n",
-                        "1 10 0\n1 1 2 3 4 5 6 7 8 9 10\n", ".node", NULL, NULL))) {
+    if (CHECK_OK(load_tetgen(&mesh,
+                             "10 3 0 0\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n5 0 1 1\n6 0 0 1\n7 1 0 0\n8 1 1 0\n"
+                             "9 1 0 1\n10 0 1 0\n",
+                             "1 10 0\n1 1 2 3 4 5 6 7 8 9 10\n", ".node", NULL, NULL))) {
         static const int expected[10] = {0, 1, 2, 3, 6, 7, 9, 5, 8, 4};
         CHECK(memcmp(mesh.elements, expected, sizeof expected) == 0);
     }
@@ -897,28 +887,23 @@ static void test_tetgen(void)
     CHECK(strstr(error.file, ".ele") != NULL);
     CHECK_RESULT(load_tetgen(&mesh, "5 3\n1 0 0 0\n2 1 0 0\n4 0 1 0\n", TETGEN_CELLS, ".node", NULL, &error),
                  SB_ERROR_FORMAT);
-    CHECK_RESULT(load_tetgen(&mesh, "4 3\n1 0 0 0 9\n2 1 0 0\n3 0 1 0\n4 0 0 1\n", TETGEN_CELLS, ".node",
-                             NULL, &error),
+    CHECK_RESULT(load_tetgen(&mesh, "4 3\n1 0 0 0 9\n2 1 0 0\n3 0 1 0\n4 0 0 1\n", TETGEN_CELLS, ".node", NULL, &error),
                  SB_ERROR_FORMAT);
     CHECK_INT(error.line, 2);
-    CHECK_RESULT(
-        load_tetgen(&mesh, TETGEN_NODES, "2 4 1\n1 1 2 3 4 3.5\n2 2 3 4 5 7\n", ".node", NULL, &error),
-        SB_ERROR_FORMAT);
+    CHECK_RESULT(load_tetgen(&mesh, TETGEN_NODES, "2 4 1\n1 1 2 3 4 3.5\n2 2 3 4 5 7\n", ".node", NULL, &error),
+                 SB_ERROR_FORMAT);
     CHECK_RESULT(load_tetgen(&mesh, TETGEN_NODES, "1 4 1\n1 1 2 3 4 3\n2 2 3 4 5 7\n", ".node", NULL, &error),
                  SB_ERROR_FORMAT);
-    CHECK_RESULT(load_tetgen(&mesh, TETGEN_NODES, "1 5 0\n1 1 2 3 4 5\n", ".node", NULL, &error),
-                 SB_ERROR_UNSUPPORTED);
+    CHECK_RESULT(load_tetgen(&mesh, TETGEN_NODES, "1 5 0\n1 1 2 3 4 5\n", ".node", NULL, &error), SB_ERROR_UNSUPPORTED);
     CHECK_RESULT(load_tetgen(&mesh, "3 2 0 0\n1 0 0\n2 1 0\n3 0 1\n", TETGEN_CELLS, ".node", NULL, &error),
                  SB_ERROR_UNSUPPORTED);
-    CHECK_RESULT(load_tetgen(&mesh, "1 3 0 2\n1 0 0 0 1 1\n", TETGEN_CELLS, ".node", NULL, &error),
-                 SB_ERROR_FORMAT);
+    CHECK_RESULT(load_tetgen(&mesh, "1 3 0 2\n1 0 0 0 1 1\n", TETGEN_CELLS, ".node", NULL, &error), SB_ERROR_FORMAT);
     /* a mid-edge node that is not in the middle */
-    CHECK_RESULT(
-        load_tetgen(&mesh,
-                    "10 3\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n5 1 0.2 0\n6 1 1 0\n7 0 1 0\n8 0 0 1\n"
-                    "9 1 0 1\n10 0 1 1\n",
-                    "1 10\n1 1 2 3 4 5 6 7 8 9 10\n", ".ele", NULL, &error),
-        SB_ERROR_MESH);
+    CHECK_RESULT(load_tetgen(&mesh,
+                             "10 3\n1 0 0 0\n2 2 0 0\n3 0 2 0\n4 0 0 2\n5 1 0.2 0\n6 1 1 0\n7 0 1 0\n8 0 0 1\n"
+                             "9 1 0 1\n10 0 1 1\n",
+                             "1 10\n1 1 2 3 4 5 6 7 8 9 10\n", ".ele", NULL, &error),
+                 SB_ERROR_MESH);
     CHECK_INT(error.element, 0);
     CHECK_RESULT(load_text(&mesh, TETGEN_NODES, SB_FILE_TETGEN, &error), SB_ERROR_ARGUMENT);
 }
@@ -928,8 +913,7 @@ static void test_tetgen(void)
 #define GMSH_HEAD "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"
 #define GMSH_NODES "$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n"
 #define GMSH4_HEAD "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
-#define PLY_HEAD                                                                                             \
-    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+#define PLY_HEAD "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
 #define PLY_FACE "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
 #define VTK_TET VTK_HEAD "UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
 
@@ -947,46 +931,40 @@ static const struct bad_text {
     {SB_FILE_VTK, VTK_HEAD "STRUCTURED_POINTS\n", SB_ERROR_UNSUPPORTED, 4, -1, "STRUCTURED_POINTS"},
     {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 1 quaternion\n", SB_ERROR_FORMAT, 5, -1, "quaternion"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n99\n", SB_ERROR_UNSUPPORTED, 10, 0, "99"},
-    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 2\n10 10\n", SB_ERROR_FORMAT, 9, -1,
-     "2 cell types"},
-    {SB_FILE_VTK, VTK_TET "CELLS 2 9\n4 0 1 2 3\n3 0 1 2\nCELL_TYPES 2\n10 13\n", SB_ERROR_FORMAT, 11, 1,
-     "wedge6"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 2\n10 10\n", SB_ERROR_FORMAT, 9, -1, "2 cell types"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 9\n4 0 1 2 3\n3 0 1 2\nCELL_TYPES 2\n10 13\n", SB_ERROR_FORMAT, 11, 1, "wedge6"},
     {SB_FILE_VTK,
      VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nCELL_DATA 1\nSCALARS region float\n"
              "LOOKUP_TABLE default\n0.5\n",
      SB_ERROR_FORMAT, 14, 0, "region"},
-    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nCELL_DATA 2\n", SB_ERROR_FORMAT, 11, -1,
-     "2 cells"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nCELL_DATA 2\n", SB_ERROR_FORMAT, 11, -1, "2 cells"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\nCELL_DATA 1\nVECTORS u float\n1 2\n",
      SB_ERROR_FORMAT, 0, -1, "ends"},
-    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 5\nCONNECTIVITY vtktypeint64\n0 1 2 3\n",
-     SB_ERROR_FORMAT, 0, 0, "offset"},
-    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY float\n0 1 2 3\n",
-     SB_ERROR_FORMAT, 0, -1, "float"},
-    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY vtktypeint64\n0 1 2 4\n",
-     SB_ERROR_INDEX, 0, 0, "node 4"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 5\nCONNECTIVITY vtktypeint64\n0 1 2 3\n", SB_ERROR_FORMAT,
+     0, 0, "offset"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY float\n0 1 2 3\n", SB_ERROR_FORMAT, 0, -1,
+     "float"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 4\nOFFSETS vtktypeint64\n0 4\nCONNECTIVITY vtktypeint64\n0 1 2 4\n", SB_ERROR_INDEX,
+     0, 0, "node 4"},
     {SB_FILE_VTK, VTK_TET VTK_CUBE, SB_ERROR_FORMAT, 0, -1, "second POINTS"},
-    {SB_FILE_VTK, VTK_HEAD "UNSTRUCTURED_GRID\nCELLS 1 5\n4 0 1 2 3\n", SB_ERROR_FORMAT, 5, -1,
-     "before POINTS"},
-    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 3\n2 0 1\n",
-     SB_ERROR_FORMAT, 0, 0, "2 corners"},
-    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nLINES 1 3\n2 0 1\n", SB_ERROR_MESH,
-     0, -1, "no faces"},
+    {SB_FILE_VTK, VTK_HEAD "UNSTRUCTURED_GRID\nCELLS 1 5\n4 0 1 2 3\n", SB_ERROR_FORMAT, 5, -1, "before POINTS"},
+    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 3\n2 0 1\n", SB_ERROR_FORMAT, 0, 0,
+     "2 corners"},
+    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nLINES 1 3\n2 0 1\n", SB_ERROR_MESH, 0, -1,
+     "no faces"},
     {SB_FILE_VTK,
-     VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE
-              "CELLS 2 14\n4 0 1 2 4\n8 0 1 3 2 4 5 7 6\nCELL_TYPES 2\n10 12\n",
+     VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 14\n4 0 1 2 4\n8 0 1 3 2 4 5 7 6\nCELL_TYPES 2\n10 12\n",
      SB_ERROR_UNSUPPORTED, 0, 1, "other diagonal"},
-    {SB_FILE_VTK,
-     VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 12\n4 0 1 2 4\n6 0 1 2 4 5 6\nCELL_TYPES 2\n10 13\n",
+    {SB_FILE_VTK, VTK_HEAD "UNSTRUCTURED_GRID\n" VTK_CUBE "CELLS 2 12\n4 0 1 2 4\n6 0 1 2 4 5 6\nCELL_TYPES 2\n10 13\n",
      SB_ERROR_UNSUPPORTED, 0, 1, "other diagonal"},
-    {SB_FILE_VTK, VTK_TET "CELLS 2 16\n4 0 1 2 3\n10 0 1 2 3 0 1 2 3 0 1\nCELL_TYPES 2\n10 24\n", SB_ERROR_UNSUPPORTED, 0,
-     1, "tet4 and tet10"},
+    {SB_FILE_VTK, VTK_TET "CELLS 2 16\n4 0 1 2 3\n10 0 1 2 3 0 1 2 3 0 1\nCELL_TYPES 2\n10 24\n", SB_ERROR_UNSUPPORTED,
+     0, 1, "tet4 and tet10"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_FORMAT, 10, 0, "a hex20 has 20"},
     {SB_FILE_VTK, VTK_TET "CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n29\n", SB_ERROR_FORMAT, 10, 0, "a hex27 has 27"},
-    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_MESH, 0, 0,
-     "used twice"},
-    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 4\nCELL_TYPES 1\n25\n", SB_ERROR_INDEX, 0, 0,
-     "node 4"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3\nCELL_TYPES 1\n25\n", SB_ERROR_MESH,
+     0, 0, "used twice"},
+    {SB_FILE_VTK, VTK_TET "CELLS 1 21\n20 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 3 0 1 2 4\nCELL_TYPES 1\n25\n", SB_ERROR_INDEX,
+     0, 0, "node 4"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 17 2 0 0 1 2 3 4\n$EndElements\n", SB_ERROR_FORMAT, 0, 0, ""},
     {SB_FILE_GMSH, "$MeshFormat\n4.2 0 8\n$EndMeshFormat\n", SB_ERROR_UNSUPPORTED, 2, -1, "4.2"},
     {SB_FILE_GMSH, "$NOD\n1\n1 0 0 0\n$ENDNOD\n", SB_ERROR_FORMAT, 0, -1, "$Elements"},
@@ -995,33 +973,29 @@ static const struct bad_text {
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES, SB_ERROR_FORMAT, 0, -1, "$Elements"},
     {SB_FILE_GMSH, GMSH_HEAD "$Elements\n0\n$EndElements\n" GMSH_NODES, SB_ERROR_FORMAT, 4, -1, "before"},
     {SB_FILE_GMSH, GMSH_HEAD "$Nodes\n2\n1 0 0 0\n1 1 0 0\n$EndNodes\n", SB_ERROR_FORMAT, 0, -1, "number 1"},
-    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 4 2 0 0 1 2 3 5\n$EndElements\n", SB_ERROR_INDEX, 13,
-     0, "5"},
-    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 77 2 0 0 1 2 3 4\n$EndElements\n",
-     SB_ERROR_UNSUPPORTED, 13, 0, "77"},
+    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 4 2 0 0 1 2 3 5\n$EndElements\n", SB_ERROR_INDEX, 13, 0, "5"},
+    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 77 2 0 0 1 2 3 4\n$EndElements\n", SB_ERROR_UNSUPPORTED, 13, 0,
+     "77"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 4 2 0 0 1 2 3 4\n1 4 2 0 0 1 2 3 4\n$EndElements\n",
      SB_ERROR_FORMAT, 14, -1, "$EndElements"},
-    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 4 -2 1 2 3 4\n$EndElements\n", SB_ERROR_FORMAT, 13,
-     0, "negative"},
+    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n1\n1 4 -2 1 2 3 4\n$EndElements\n", SB_ERROR_FORMAT, 13, 0,
+     "negative"},
     {SB_FILE_GMSH, GMSH_HEAD "$Whatever\n1 2 3\n", SB_ERROR_FORMAT, 0, -1, "$EndWhatever"},
     {SB_FILE_GMSH, GMSH4_HEAD "$PartitionedEntities\n", SB_ERROR_UNSUPPORTED, 4, -1, "artition"},
-    {SB_FILE_GMSH, GMSH4_HEAD "$Nodes\n1 2 1 2\n3 1 0 1\n1\n0 0 0\n$EndNodes\n", SB_ERROR_FORMAT, 0, -1,
-     "announced"},
-    {SB_FILE_GMSH, GMSH4_HEAD "$Nodes\n1 1 1 1\n7 1 1 1\n1\n0 0 0\n$EndNodes\n", SB_ERROR_FORMAT, 6, -1,
-     "dimension"},
+    {SB_FILE_GMSH, GMSH4_HEAD "$Nodes\n1 2 1 2\n3 1 0 1\n1\n0 0 0\n$EndNodes\n", SB_ERROR_FORMAT, 0, -1, "announced"},
+    {SB_FILE_GMSH, GMSH4_HEAD "$Nodes\n1 1 1 1\n7 1 1 1\n1\n0 0 0\n$EndNodes\n", SB_ERROR_FORMAT, 6, -1, "dimension"},
     {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 1 bit\n0 0 0\n", SB_ERROR_UNSUPPORTED, 5, -1, "bit"},
-    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 int\n0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\n", SB_ERROR_FORMAT,
-     7, -1, "CELLS"},
+    {SB_FILE_VTK, VTK_HEAD "POLYDATA\nPOINTS 3 int\n0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\n", SB_ERROR_FORMAT, 7, -1,
+     "CELLS"},
     {SB_FILE_VTK, VTK_TET "POLYGONS 1 4\n3 0 1 2\n", SB_ERROR_FORMAT, 7, -1, "POLYDATA"},
     {SB_FILE_VTK, VTK_TET "CELL_TYPES 1\n10\n", SB_ERROR_FORMAT, 7, -1, "CELLS"},
-    {SB_FILE_VTK, VTK_TET "POINT_DATA 4\nFIELD f 1\nnames 1 4 string\na\nb\n", SB_ERROR_FORMAT, 0, -1,
-     "text array"},
+    {SB_FILE_VTK, VTK_TET "POINT_DATA 4\nFIELD f 1\nnames 1 4 string\na\nb\n", SB_ERROR_FORMAT, 0, -1, "text array"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_HEAD, SB_ERROR_FORMAT, 4, -1, "second"},
     {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES GMSH_NODES, SB_ERROR_FORMAT, 11, -1, "second"},
-    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n0\n$EndElements\n$Elements\n0\n$EndElements\n",
-     SB_ERROR_FORMAT, 14, -1, "second"},
-    {SB_FILE_GMSH, GMSH4_HEAD "$Entities\n0 0 0 0\n$EndEntities\n$Entities\n0 0 0 0\n$EndEntities\n",
-     SB_ERROR_FORMAT, 7, -1, "second"},
+    {SB_FILE_GMSH, GMSH_HEAD GMSH_NODES "$Elements\n0\n$EndElements\n$Elements\n0\n$EndElements\n", SB_ERROR_FORMAT, 14,
+     -1, "second"},
+    {SB_FILE_GMSH, GMSH4_HEAD "$Entities\n0 0 0 0\n$EndEntities\n$Entities\n0 0 0 0\n$EndEntities\n", SB_ERROR_FORMAT,
+     7, -1, "second"},
     {SB_FILE_OBJ, "v 0 0\n", SB_ERROR_FORMAT, 1, -1, "2 numbers"},
     {SB_FILE_OBJ, "v 0 0 0 0 0 0 0 0\n", SB_ERROR_FORMAT, 1, -1, "more than 7"},
     {SB_FILE_OBJ, "v 0 0 0\nv 1 0 0\nf 1 2\n", SB_ERROR_FORMAT, 3, 0, "2 corners"},
@@ -1030,8 +1004,8 @@ static const struct bad_text {
     {SB_FILE_OBJ, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3/x\n", SB_ERROR_FORMAT, 4, 0, "3/x"},
     {SB_FILE_OBJ, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3//\n", SB_ERROR_FORMAT, 4, 0, "3//"},
     {SB_FILE_OBJ, "v 0 0 0\n1 2 3\n", SB_ERROR_FORMAT, 2, -1, "keyword"},
-    {SB_FILE_STL, "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n",
-     SB_ERROR_FORMAT, 6, 0, "vertex"},
+    {SB_FILE_STL, "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n", SB_ERROR_FORMAT, 6,
+     0, "vertex"},
     {SB_FILE_STL, "solid a\n", SB_ERROR_FORMAT, 0, -1, "endsolid"},
     {SB_FILE_STL, "solid a\nendsolid a\n", SB_ERROR_MESH, 0, -1, "no faces"},
     {SB_FILE_STL, "solid a\nvolume\n", SB_ERROR_FORMAT, 2, -1, "facet"},
@@ -1041,12 +1015,11 @@ static const struct bad_text {
     {SB_FILE_PLY, "ply\nformat binary 1.0\n", SB_ERROR_UNSUPPORTED, 2, -1, "binary"},
     {SB_FILE_PLY, "ply\nformat ascii 1.0\nproperty float x\n", SB_ERROR_FORMAT, 3, -1, "before"},
     {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement vertex -1\n", SB_ERROR_FORMAT, 3, -1, "negative"},
-    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement vertex 1\nproperty real x\n", SB_ERROR_FORMAT, 4, -1,
-     "real"},
-    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n",
-     SB_ERROR_FORMAT, 6, -1, "x, y and z"},
-    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement face 1\nproperty list float int vertex_indices\n",
-     SB_ERROR_FORMAT, 4, -1, "integer"},
+    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement vertex 1\nproperty real x\n", SB_ERROR_FORMAT, 4, -1, "real"},
+    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n", SB_ERROR_FORMAT, 6, -1,
+     "x, y and z"},
+    {SB_FILE_PLY, "ply\nformat ascii 1.0\nelement face 1\nproperty list float int vertex_indices\n", SB_ERROR_FORMAT, 4,
+     -1, "integer"},
     {SB_FILE_PLY, PLY_HEAD PLY_FACE "3 0 1 3\n", SB_ERROR_INDEX, 0, 0, "node 3"},
     {SB_FILE_PLY, PLY_HEAD PLY_FACE "-3 0 1 2\n", SB_ERROR_FORMAT, 0, 0, "negative"},
     {SB_FILE_PLY, PLY_HEAD PLY_FACE "3 0 1 2\n3 0 1 2\n", SB_ERROR_FORMAT, 0, -1, "behind"},
@@ -1100,21 +1073,18 @@ static void test_arguments(void)
     CHECK_RESULT(sb_mesh_load_memory(NULL, text, size, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_ARGUMENT);
     CHECK_RESULT(sb_mesh_load_memory(&mesh, NULL, 1, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_ARGUMENT);
 #ifndef __cplusplus /* where such a value cannot be written down */
-    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, (sb_file_format)10, NULL, NULL, &error),
-                 SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, (sb_file_format)10, NULL, NULL, &error), SB_ERROR_ARGUMENT);
 #endif
     CHECK_RESULT(sb_mesh_load_memory(&mesh, NULL, 0, SB_FILE_OBJ, NULL, NULL, &error), SB_ERROR_FORMAT);
     check_bad_numbers();
     for (int i = 0; i < 4; i++) {
         static const sb_real scales[4] = {0, -1, (sb_real)NAN, (sb_real)INFINITY};
         options.scale = scales[i];
-        CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, SB_FILE_OBJ, NULL, &options, &error),
-                     SB_ERROR_ARGUMENT);
+        CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, SB_FILE_OBJ, NULL, &options, &error), SB_ERROR_ARGUMENT);
     }
     memset(&options, 0, sizeof options);
     options.scale = 1;
-    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, SB_FILE_OBJ, NULL, &options, &error),
-                 SB_ERROR_ARGUMENT);
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, size, SB_FILE_OBJ, NULL, &options, &error), SB_ERROR_ARGUMENT);
     options = sb_default_load_options();
     options.scale = (sb_real)0.001;
     CHECK_OK(sb_mesh_load_memory(&mesh, text, size, SB_FILE_OBJ, NULL, &options, NULL));
@@ -1155,9 +1125,8 @@ static void test_orientation(void)
     sb_mesh_free(&mesh);
     CHECK_RESULT(sb_mesh_load_memory(&mesh, flat, sizeof flat - 1, SB_FILE_AUTO, NULL, &options, &error),
                  SB_ERROR_MESH);
-    CHECK_OK(sb_mesh_load_memory(&mesh,
-                                 "v 0 0 0\nv 0 1 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\nf 1 4 2\nf 1 3 4\nf 2 3 4\n",
-                                 63, SB_FILE_OBJ, NULL, &options, &error));
+    CHECK_OK(sb_mesh_load_memory(&mesh, "v 0 0 0\nv 0 1 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\nf 1 4 2\nf 1 3 4\nf 2 3 4\n", 63,
+                                 SB_FILE_OBJ, NULL, &options, &error));
     CHECK_NEAR(sb_mesh_volume(&mesh), 1.0 / 6, SB_EPSILON);
     sb_mesh_free(&mesh);
 }
@@ -1251,8 +1220,8 @@ static void test_bad_files(void)
         if (bad->placed)
             CHECK(error.line > 0 || error.element >= 0 || error.node >= 0);
         if (check.failures != failures)
-            printf("  in %s: line %d, element %d, node %d: %s\n", bad->name, error.line, error.element,
-                   error.node, error.message);
+            printf("  in %s: line %d, element %d, node %d: %s\n", bad->name, error.line, error.element, error.node,
+                   error.message);
         sb_mesh_free(&mesh);
     }
 }
@@ -1453,31 +1422,27 @@ static void fill_mesh(sb_mesh *mesh, sb_element_type type, int nodes, int elemen
 
 static int same_nodes(const sb_mesh *a, const sb_mesh *b)
 {
-    return a->node_count == b->node_count &&
-           memcmp(a->nodes, b->nodes, sizeof(sb_vec3) * (size_t)a->node_count) == 0;
+    return a->node_count == b->node_count && memcmp(a->nodes, b->nodes, sizeof(sb_vec3) * (size_t)a->node_count) == 0;
 }
 
 static int same_elements(const sb_mesh *a, const sb_mesh *b)
 {
     return a->element_type == b->element_type && a->element_count == b->element_count &&
            memcmp(a->elements, b->elements,
-                  sizeof(int) * (size_t)a->element_count * (size_t)sb_element_node_count(a->element_type)) ==
-               0;
+                  sizeof(int) * (size_t)a->element_count * (size_t)sb_element_node_count(a->element_type)) == 0;
 }
 
 /* A locale with a decimal comma changes neither reading nor writing. */
 static void test_locale(void)
 {
-    static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8",  "de_DE",
-                                        "fr_FR.UTF-8", "nl_NL.UTF-8", "German"};
+    static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8", "nl_NL.UTF-8", "German"};
     int found = 0;
     for (size_t i = 0; i < sizeof names / sizeof names[0] && !found; i++)
         found = setlocale(LC_NUMERIC, names[i]) && localeconv()->decimal_point[0] == ',';
     if (!found) {
         CHECK_SKIP("no locale with a decimal comma is installed");
     } else {
-        double a = read_number("0.5"), b = read_number("1.23456789012345678901234e-20"),
-               c = read_number("0,5");
+        double a = read_number("0.5"), b = read_number("1.23456789012345678901234e-20"), c = read_number("0,5");
         sb_mesh mesh, loaded;
         CHECK_OK(load_text(&mesh, "v 0.1 1e-5 1e20\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", SB_FILE_OBJ, NULL));
         CHECK_OK(sb_mesh_save_vtk(temporary(".vtk"), &mesh, NULL, 0, NULL));
@@ -1516,8 +1481,7 @@ static void test_round_trip_surfaces(void)
         else if (format == 2)
             result = sb_mesh_save_obj(path, &mesh, &error);
         else
-            result =
-                format == 3 ? sb_mesh_save_ply(path, &mesh, &error) : sb_mesh_save_stl(path, &mesh, &error);
+            result = format == 3 ? sb_mesh_save_ply(path, &mesh, &error) : sb_mesh_save_stl(path, &mesh, &error);
         if (i >= 10 && format >= 2) { /* curved */
             CHECK_RESULT(result, SB_ERROR_UNSUPPORTED);
             CHECK(!file_exists(path));
@@ -1641,10 +1605,8 @@ static void test_fields(void)
             text[size] = 0;
             if (file)
                 fclose(file);
-            CHECK(strstr(text, "POINT_DATA 5") && strstr(text, "CELL_DATA 2") &&
-                  strstr(text, "SCALARS region int 1"));
-            CHECK(strstr(text, "VECTORS f3_0 ") && strstr(text, "SCALARS f2_1 ") &&
-                  strstr(text, "TENSORS f9_1 "));
+            CHECK(strstr(text, "POINT_DATA 5") && strstr(text, "CELL_DATA 2") && strstr(text, "SCALARS region int 1"));
+            CHECK(strstr(text, "VECTORS f3_0 ") && strstr(text, "SCALARS f2_1 ") && strstr(text, "TENSORS f9_1 "));
             /* xx yy zz xy yz xz becomes a full matrix */
             CHECK(strstr(text, "\n0 3 5 3 1 4 5 4 2\n6 9 11 9 7 10 11 10 8\n") != NULL);
         }
@@ -1815,8 +1777,7 @@ static void test_huge_counts(void)
         GMSH4_HEAD "$Nodes\n2000000000 2000000000 1 1\n3 1 0 2000000000\n",
         GMSH4_HEAD "$Nodes\n1 1 1 1\n3 1 0 2000000000\n1\n0 0 0\n",
         GMSH4_HEAD "$Entities\n2000000000 0 0 0\n",
-        PLY_HEAD
-        "element face 2000000000\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1 0 0 0 1 0\n",
+        PLY_HEAD "element face 2000000000\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1 0 0 0 1 0\n",
         "OFF\n2000000000 1 0\n0 0 0\n",
         "OFF\n1 2000000000 0\n0 0 0\n",
         "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2000000000 0 1 2\n"};
@@ -1824,9 +1785,8 @@ static void test_huge_counts(void)
         ration r;
         sb_load_options options = rationed(&r, -1);
         sb_mesh mesh;
-        CHECK_RESULT(
-            sb_mesh_load_memory(&mesh, texts[i], strlen(texts[i]), SB_FILE_AUTO, NULL, &options, NULL),
-            SB_ERROR_FORMAT);
+        CHECK_RESULT(sb_mesh_load_memory(&mesh, texts[i], strlen(texts[i]), SB_FILE_AUTO, NULL, &options, NULL),
+                     SB_ERROR_FORMAT);
         CHECK(r.largest < 10000);
         CHECK_INT(r.live, 0);
     }
@@ -1999,9 +1959,8 @@ static void test_mutations(void)
         before = mesh;
         memset(&error, 0, sizeof error);
         options.fix_orientation = i / SEED_COUNT % 2;
-        result =
-            sb_mesh_load_memory(&mesh, b.data, b.size, i % 3 ? seeds[i % SEED_COUNT].format : SB_FILE_AUTO,
-                                "mutant", &options, &error);
+        result = sb_mesh_load_memory(&mesh, b.data, b.size, i % 3 ? seeds[i % SEED_COUNT].format : SB_FILE_AUTO,
+                                     "mutant", &options, &error);
         loads++;
         if (result == SB_OK) {
             use_mesh(&mesh, ++reads % 40 == 0 ? 1 + reads / 40 % 2 : 0);
@@ -2019,17 +1978,15 @@ static void test_mutations(void)
 
 CHECK_SUITE(meshio, {"every variant of every format", test_variants},
             {"byte order marks and NUL bytes", test_marks_and_nuls}, {"vtk number types", test_vtk_types},
-            {"vtk cells", test_vtk_cells}, {"vtk regions", test_vtk_regions},
-            {"gmsh tet10 order", test_gmsh_tet10}, {"gmsh hex20 and hex27 order", test_gmsh_hexes},
-            {"quadratic elements in texts", test_quadratic_texts}, {"surface texts", test_surface_texts},
-            {"numbers are read exactly", test_numbers_exact}, {"what is no number", test_numbers_refused},
-            {"locale", test_locale}, {"tetgen", test_tetgen}, {"errors say where", test_errors},
-            {"arguments", test_arguments}, {"orientation", test_orientation}, {"bad files", test_bad_files},
-            {"bad elements are named", test_bad_elements}, {"good files", test_good_files},
-            {"one mesh in two formats", test_same_mesh}, {"regions of the phantom", test_phantom_regions},
-            {"surfaces there and back", test_round_trip_surfaces},
+            {"vtk cells", test_vtk_cells}, {"vtk regions", test_vtk_regions}, {"gmsh tet10 order", test_gmsh_tet10},
+            {"gmsh hex20 and hex27 order", test_gmsh_hexes}, {"quadratic elements in texts", test_quadratic_texts},
+            {"surface texts", test_surface_texts}, {"numbers are read exactly", test_numbers_exact},
+            {"what is no number", test_numbers_refused}, {"locale", test_locale}, {"tetgen", test_tetgen},
+            {"errors say where", test_errors}, {"arguments", test_arguments}, {"orientation", test_orientation},
+            {"bad files", test_bad_files}, {"bad elements are named", test_bad_elements},
+            {"good files", test_good_files}, {"one mesh in two formats", test_same_mesh},
+            {"regions of the phantom", test_phantom_regions}, {"surfaces there and back", test_round_trip_surfaces},
             {"volumes there and back", test_round_trip_volumes},
             {"quadratic hexes there and back", test_round_trip_hexes}, {"fields", test_fields},
             {"writer errors", test_writer_errors}, {"failing memory", test_memory_failures},
-            {"huge counts", test_huge_counts}, {"no slow files", test_no_slow_files},
-            {"mutations", test_mutations});
+            {"huge counts", test_huge_counts}, {"no slow files", test_no_slow_files}, {"mutations", test_mutations});

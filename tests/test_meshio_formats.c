@@ -1,5 +1,5 @@
-/* Files that real people have: VTU in every encoding, gmsh 1 to 4.1, Medit, meshes of several kinds of cells, and what a
- * load reports. The files are built here, byte by byte, from the descriptions of the formats. */
+/* Files that real people have: VTU in every encoding, gmsh 1 to 4.1, Medit, meshes of several kinds of cells, and what
+ * a load reports. The files are built here, byte by byte, from the descriptions of the formats. */
 #include "softbody.h"
 
 #include "check.h"
@@ -223,7 +223,7 @@ static const char *gmsh_names(const char *names)
 /* Names of every form, of points too, without cells, very long, in UTF-8, and wrong ones. */
 static void test_gmsh_names(void)
 {
-    static const char *const wrong[6] = {"1\n3 1 body\n",     "1\n3 1 \"body\n",        "2\n3 1 \"body\"\n",
+    static const char *const wrong[6] = {"1\n3 1 body\n",     "1\n3 1 \"body\n",          "2\n3 1 \"body\"\n",
                                          "1\n7 1 \"body\"\n", "1\n3 99999999999 \"b\"\n", "4000000000\n3 1 \"b\"\n"};
     sb_mesh mesh;
     sb_mesh_sets sets;
@@ -231,8 +231,8 @@ static void test_gmsh_names(void)
     sb_error error;
     const sb_mesh_set *set;
     char name[200], text[300];
-    if (CHECK_OK(load_text(gmsh_names("4\n0 5 \"tip\"\n3 1 \"\"\n3 2 \"empty $End\"\n1 \"old\"\n"), &mesh, &sets, &report,
-                           &error))) {
+    if (CHECK_OK(load_text(gmsh_names("4\n0 5 \"tip\"\n3 1 \"\"\n3 2 \"empty $End\"\n1 \"old\"\n"), &mesh, &sets,
+                           &report, &error))) {
         set = sb_mesh_sets_find(&sets, "tip", 0);
         CHECK(set && set->node_count == 1 && set->nodes[0] == 3 && set->element_count == 0 && set->face_count == 0);
         set = sb_mesh_sets_find(&sets, "empty $End", 3);
@@ -589,11 +589,12 @@ static void put_piece(vtu *v, const char *reals, const char *integers, int first
 static void begin_vtu(vtu *v, const char *type)
 {
     char tag[300];
-    snprintf(tag, sizeof tag,
-             "<?xml version=\"1.0\"?>\n<!-- <VTKFile> is below -->\n<VTKFile type=\"%s\" version=\"1.0\" byte_order=\"%s\" "
-             "header_type=\"UInt%d\"%s>\n<%s>\n",
-             type, v->big_endian ? "BigEndian" : "LittleEndian", 8 * v->header,
-             v->packing == PLAIN ? "" : " compressor=\"vtkZLibDataCompressor\"", type);
+    snprintf(
+        tag, sizeof tag,
+        "<?xml version=\"1.0\"?>\n<!-- <VTKFile> is below -->\n<VTKFile type=\"%s\" version=\"1.0\" byte_order=\"%s\" "
+        "header_type=\"UInt%d\"%s>\n<%s>\n",
+        type, v->big_endian ? "BigEndian" : "LittleEndian", 8 * v->header,
+        v->packing == PLAIN ? "" : " compressor=\"vtkZLibDataCompressor\"", type);
     put_text(&v->f, tag);
 }
 
@@ -729,8 +730,9 @@ static void test_vtp(void)
 /* ---- compressed data ------------------------------------------------------------------------------ */
 
 /* 180 triangles whose regions are the bytes that a stream of zlib's own making unpacks to, with a dynamic code. */
-static const char zlib_text[] = "aaca\nf\neba\naefafcba aaaaebfabf\nbebbfdafabda fbdd\nea\nbefbeeafabee\na\nadebbbabbeeefcaeabfa\n"
-                                "ebf\nefea fabbbacaaaafacbcabedabbcbcdf \n\naade fbcacbfabaeaabffbfbae fadabadaaddbfcaaabfbaebea";
+static const char zlib_text[] =
+    "aaca\nf\neba\naefafcba aaaaebfabf\nbebbfdafabda fbdd\nea\nbefbeeafabee\na\nadebbbabbeeefcaeabfa\n"
+    "ebf\nefea fabbbacaaaafacbcabedabbcbcdf \n\naade fbcacbfabaeaabffbfbae fadabadaaddbfcaaabfbaebea";
 enum { ZLIB_TEXT = sizeof zlib_text - 1 };
 static void build_packed(bytes *f, const unsigned char *stream, size_t size, unsigned claimed)
 {
@@ -766,17 +768,17 @@ static int is_zlib_text(const sb_mesh *mesh)
 static void test_inflate(void)
 {
     static const unsigned char stream[] = {
-        120, 218, 29, 140, 193, 13, 68, 81, 8, 2, 239, 86, 241, 91, 3, 133, 254, 75, 216, 121, 107, 98, 130,
-        200, 32, 173, 166, 19, 107, 148, 170, 107, 125, 98, 226, 202, 29, 199, 238, 9, 125, 250, 234, 187,
-        137, 48, 235, 228, 153, 201, 192, 29, 33, 203, 92, 233, 42, 112, 162, 144, 210, 6, 72, 239, 185, 175,
-        179, 90, 47, 208, 97, 161, 174, 223, 140, 160, 41, 94, 94, 36, 129, 161, 235, 162, 32, 9, 178, 186,
-        115, 95, 193, 223, 118, 244, 3, 31, 183, 63, 216};
+        120, 218, 29,  140, 193, 13,  68,  81,  8,   2,   239, 86,  241, 91,  3,   133, 254, 75,  216, 121,
+        107, 98,  130, 200, 32,  173, 166, 19,  107, 148, 170, 107, 125, 98,  226, 202, 29,  199, 238, 9,
+        125, 250, 234, 187, 137, 48,  235, 228, 153, 201, 192, 29,  33,  203, 92,  233, 42,  112, 162, 144,
+        210, 6,   72,  239, 185, 175, 179, 90,  47,  208, 97,  161, 174, 223, 140, 160, 41,  94,  94,  36,
+        129, 161, 235, 162, 32,  9,   178, 186, 115, 95,  193, 223, 118, 244, 3,   31,  183, 63,  216};
     bytes f = {NULL, 0, 0, 0};
     sb_mesh mesh;
     sb_error error;
     int unseen = 0;
-    /* as it is; then cut short at every byte; then with each bit changed: an error, or the same bytes where the bit says
-     * nothing (window, level); then with a wrong size announced */
+    /* as it is; then cut short at every byte; then with each bit changed: an error, or the same bytes where the bit
+     * says nothing (window, level); then with a wrong size announced */
     for (size_t i = 0; i < 9 * sizeof stream + 3; i++) {
         unsigned char changed[sizeof stream];
         size_t size = i > 0 && i < sizeof stream ? i : sizeof stream, bit = i - sizeof stream;
@@ -803,8 +805,8 @@ static void test_inflate(void)
 
 /* ---- cells cut into tets -------------------------------------------------------------------------- */
 
-/* A block of n x n x 3 cubes: wedges below, hexahedra above them, pyramids round a middle node on top. Nodes are numbered
- * at random, and moved a little. */
+/* A block of n x n x 3 cubes: wedges below, hexahedra above them, pyramids round a middle node on top. Nodes are
+ * numbered at random, and moved a little. */
 typedef struct block {
     int n;
     int grid[6][6][4], middle[5][5];
@@ -854,7 +856,8 @@ static void block_corners(const block *b, int i, int j, int k, int c[8])
 static int block_cells(const block *b, int i, int j, int k, int mirrored, int *out)
 {
     static const int wedges[2][6] = {{0, 4, 3, 1, 5, 2}, {4, 7, 3, 5, 6, 2}};
-    static const int pyramids[6][4] = {{0, 1, 2, 3}, {4, 7, 6, 5}, {0, 4, 5, 1}, {1, 5, 6, 2}, {2, 6, 7, 3}, {3, 7, 4, 0}};
+    static const int pyramids[6][4] = {{0, 1, 2, 3}, {4, 7, 6, 5}, {0, 4, 5, 1},
+                                       {1, 5, 6, 2}, {2, 6, 7, 3}, {3, 7, 4, 0}};
     int c[8], used = 0;
     block_corners(b, i, j, k, c);
     for (int p = 0; p < 2 && k == 0; p++) {
@@ -951,7 +954,8 @@ static void test_mixed_meshes(void)
 static void test_mixed_sets(void)
 {
     static const char text[] =
-        "MeshVersionFormatted 2\nDimension 3\nVertices 9\n0 0 0 0\n1 0 0 0\n1 1 0 0\n0 1 0 0\n0 0 1 0\n1 0 1 0\n1 1 1 0\n"
+        "MeshVersionFormatted 2\nDimension 3\nVertices 9\n0 0 0 0\n1 0 0 0\n1 1 0 0\n0 1 0 0\n0 0 1 0\n1 0 1 0\n1 1 1 "
+        "0\n"
         "0 1 1 0\n0.5 0.5 2 0\nQuadrilaterals 2\n8 7 6 5 4\n1 4 3 2 5\nHexahedra 1\n1 2 3 4 5 6 7 8 11\nPyramids 1\n"
         "5 6 7 8 9 12\nEnd\n";
     sb_mesh mesh;
@@ -991,9 +995,9 @@ static sb_vec3 shear(double x, double y, double z)
 
 /* A hex20 (or hex27) with a wedge15 (wedge18) beside it and a pyramid13 (pyramid14) on top, curved by a quadratic map:
  * tet10 that hold the map exactly. Nodes are made from VTK's lists of edges and faces. */
-static int put_curved_cell(bytes *points, bytes *cells, int *node_count, sb_vec3 *list, const double corners[][3], int corner_count,
-                           const signed char (*edges)[2], int edge_count, const signed char (*faces)[4], int face_count,
-                           int with_centre)
+static int put_curved_cell(bytes *points, bytes *cells, int *node_count, sb_vec3 *list, const double corners[][3],
+                           int corner_count, const signed char (*edges)[2], int edge_count,
+                           const signed char (*faces)[4], int face_count, int with_centre)
 {
     int count = corner_count + edge_count + face_count + with_centre;
     char line[100];
@@ -1002,7 +1006,10 @@ static int put_curved_cell(bytes *points, bytes *cells, int *node_count, sb_vec3
         double x[3] = {0, 0, 0};
         const signed char *of = i < corner_count + edge_count ? (i < corner_count ? NULL : edges[i - corner_count])
                                                               : faces[i - corner_count - edge_count];
-        int parts = i < corner_count ? 1 : i < corner_count + edge_count ? 2 : i < count - with_centre ? 4 : corner_count;
+        int parts = i < corner_count                ? 1
+                    : i < corner_count + edge_count ? 2
+                    : i < count - with_centre       ? 4
+                                                    : corner_count;
         int node = 0;
         sb_vec3 at;
         for (int k = 0; k < parts * 3; k++)
@@ -1023,13 +1030,16 @@ static int put_curved_cell(bytes *points, bytes *cells, int *node_count, sb_vec3
 
 static void test_curved_cells(void)
 {
-    static const double hex[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
+    static const double hex[8][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
+                                     {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
     static const double wedge[6][3] = {{1, 0, 0}, {2, 0, 0}, {1, 1, 0}, {1, 0, 1}, {2, 0, 1}, {1, 1, 1}};
     static const double pyramid[5][3] = {{0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}, {0.5, 0.5, 2}};
     static const signed char hex_edges[12][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
                                                  {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
-    static const signed char hex_faces[6][4] = {{0, 3, 7, 4}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 2, 6, 7}, {0, 1, 2, 3}, {4, 5, 6, 7}};
-    static const signed char wedge_edges[9][2] = {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}};
+    static const signed char hex_faces[6][4] = {{0, 3, 7, 4}, {1, 2, 6, 5}, {0, 1, 5, 4},
+                                                {3, 2, 6, 7}, {0, 1, 2, 3}, {4, 5, 6, 7}};
+    static const signed char wedge_edges[9][2] = {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5},
+                                                  {5, 3}, {0, 3}, {1, 4}, {2, 5}};
     static const signed char wedge_faces[3][4] = {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}};
     static const signed char pyramid_edges[8][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}};
     for (int full = 0; full < 2; full++) { /* 1: with nodes in the middle of faces (a pyramid14 is gmsh's only) */
@@ -1041,11 +1051,13 @@ static void test_curved_cells(void)
         sb_mesh_report found;
         sb_load_report report;
         sb_error error;
-        numbers += put_curved_cell(&points, &cells, &node_count, list, hex, 8, hex_edges, 12, hex_faces, 6 * full, full);
-        numbers += put_curved_cell(&points, &cells, &node_count, list, wedge, 6, wedge_edges, 9, wedge_faces, 3 * full, 0);
+        numbers +=
+            put_curved_cell(&points, &cells, &node_count, list, hex, 8, hex_edges, 12, hex_faces, 6 * full, full);
+        numbers +=
+            put_curved_cell(&points, &cells, &node_count, list, wedge, 6, wedge_edges, 9, wedge_faces, 3 * full, 0);
         numbers += put_curved_cell(&points, &cells, &node_count, list, pyramid, 5, pyramid_edges, 8, NULL, 0, 0);
-        snprintf(line, sizeof line, "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
-                 node_count);
+        snprintf(line, sizeof line,
+                 "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n", node_count);
         put_text(&f, line);
         put(&f, points.data, points.size);
         snprintf(line, sizeof line, "CELLS 3 %d\n", numbers);
@@ -1076,7 +1088,7 @@ static void test_curved_cells(void)
 
 /* ---- regions and other fields of VTK files --------------------------------------------------------- */
 
-#define VTK_PAIR                                                                                                        \
+#define VTK_PAIR                                                                                                       \
     "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n0 0 0 1 0 0 0 1 0 0 0 1 1 1 1\n" \
     "CELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10 10\nCELL_DATA 2\n"
 #define SCALARS(name, type, values) "SCALARS " name " " type "\nLOOKUP_TABLE default\n" values "\n"
@@ -1091,10 +1103,11 @@ static void test_region_fields(void)
                  {SCALARS("CellEntityIds", "int", "3 7"), "CellEntityIds", "", 0},
                  {SCALARS("material", "int", "1 2") SCALARS("region", "int", "3 7"), "region", "material", 1},
                  {SCALARS("region", "int", "3 7") SCALARS("material", "int", "1 2"), "region", "material", 1},
-                 {SCALARS("gmsh:physical", "int", "1 2") SCALARS("MaterialIds", "int", "3 7") SCALARS("q", "double", "0.5 1"),
+                 {SCALARS("gmsh:physical", "int", "1 2") SCALARS("MaterialIds", "int", "3 7")
+                      SCALARS("q", "double", "0.5 1"),
                   "MaterialIds", "gmsh:physical, q", 2},
-                 {SCALARS("region", "int", "3 7") "POINT_DATA 5\n" SCALARS("region", "int", "1 2 3 4 5"), "region", "region",
-                  1}};
+                 {SCALARS("region", "int", "3 7") "POINT_DATA 5\n" SCALARS("region", "int", "1 2 3 4 5"), "region",
+                  "region", 1}};
     sb_mesh mesh;
     sb_load_report report;
     sb_error error;
@@ -1111,8 +1124,8 @@ static void test_region_fields(void)
         sb_mesh_free(&mesh);
     }
     /* a field of the name that holds no integers, or several in each cell, is none; it is noted */
-    if (CHECK_OK(load_text(VTK_PAIR SCALARS("material", "double", "3.5 7") "VECTORS MaterialId int\n1 2 3 4 5 6\n", &mesh,
-                           NULL, &report, &error))) {
+    if (CHECK_OK(load_text(VTK_PAIR SCALARS("material", "double", "3.5 7") "VECTORS MaterialId int\n1 2 3 4 5 6\n",
+                           &mesh, NULL, &report, &error))) {
         CHECK(mesh.regions == NULL && has_note(&report, "material") && has_note(&report, "MaterialId"));
         CHECK_INT(report.ignored, 2);
     }
@@ -1136,7 +1149,8 @@ static void test_region_fields(void)
 static void test_gmsh_order(void)
 {
     static const char text[] =
-        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 10 double\n0 0 0\n2 0 0\n0 2 0\n0 0 2\n"
+        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 10 double\n0 0 0\n2 0 0\n0 2 0\n0 0 "
+        "2\n"
         "1 0 0\n1 1 0\n0 1 0\n0 0 1\n0 1 1\n1 0 1\nCELLS 1 11\n10 0 1 2 3 4 5 6 7 8 9\nCELL_TYPES 1\n24\n";
     sb_load_options options = sb_default_load_options();
     sb_load_report report;
@@ -1145,7 +1159,8 @@ static void test_gmsh_order(void)
     char path[512];
     memset(&mesh, 0, sizeof mesh);
     options.report = &report;
-    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, sizeof text - 1, SB_FILE_AUTO, NULL, &options, &error), SB_ERROR_MESH);
+    CHECK_RESULT(sb_mesh_load_memory(&mesh, text, sizeof text - 1, SB_FILE_AUTO, NULL, &options, &error),
+                 SB_ERROR_MESH);
     CHECK(strstr(error.message, "gmsh's node order") != NULL && error.element == 0);
     options.fix_orientation = 1;
     if (CHECK_OK(sb_mesh_load_memory(&mesh, text, sizeof text - 1, SB_FILE_AUTO, NULL, &options, &error))) {
@@ -1167,7 +1182,8 @@ static void test_gmsh_order(void)
 /* ---- errors --------------------------------------------------------------------------------------- */
 
 #define VTU_HEAD "<VTKFile type='UnstructuredGrid' byte_order='LittleEndian'>\n<UnstructuredGrid>\n"
-#define VTU_POINTS "<Points><DataArray type='Float32' NumberOfComponents='3'>\n0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>\n"
+#define VTU_POINTS                                                                                                     \
+    "<Points><DataArray type='Float32' NumberOfComponents='3'>\n0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points>\n"
 #define VTU_LIST(c, o, t)                                                                                              \
     "<Cells><DataArray type='Int32' Name='connectivity'>" c "</DataArray>\n<DataArray type='Int32' Name='offsets'>" o  \
     "</DataArray>\n<DataArray type='UInt8' Name='types'>" t "</DataArray></Cells>\n"
@@ -1184,7 +1200,8 @@ static const struct bad_text {
     {"<FEBio version='4.0'>\n", SB_ERROR_UNSUPPORTED, 1, -1, "FEBio"},
     {"<VTKFile type='ImageData'>\n", SB_ERROR_UNSUPPORTED, 1, -1, "ImageData"},
     {"<VTKFile type='PUnstructuredGrid'>\n", SB_ERROR_UNSUPPORTED, 1, -1, "PUnstructuredGrid"},
-    {"<!DOCTYPE x [<!ENTITY a \"b\">]>\n<VTKFile type='UnstructuredGrid'>\n", SB_ERROR_UNSUPPORTED, 1, -1, "definitions"},
+    {"<!DOCTYPE x [<!ENTITY a \"b\">]>\n<VTKFile type='UnstructuredGrid'>\n", SB_ERROR_UNSUPPORTED, 1, -1,
+     "definitions"},
     {"<VTKFile type='UnstructuredGrid' byte_order='Middle'>\n", SB_ERROR_FORMAT, 1, -1, "Middle"},
     {"<VTKFile type='UnstructuredGrid' header_type='UInt16'>\n", SB_ERROR_FORMAT, 1, -1, "UInt16"},
     {"<VTKFile type=UnstructuredGrid>\n", SB_ERROR_FORMAT, 1, -1, "quoted"},
@@ -1197,9 +1214,11 @@ static const struct bad_text {
     {VTU_HEAD "<!-- \n", SB_ERROR_FORMAT, 0, -1, "-->"},
     {VTU_HEAD "<Piece NumberOfPoints='-4'>\n", SB_ERROR_FORMAT, 3, -1, "-4"},
     {VTU_HEAD "<Piece NumberOfPoints='4000000000'>\n", SB_ERROR_FORMAT, 3, -1, "4000000000"},
-    {VTU_HEAD "<Piece NumberOfPoints='2000000000' NumberOfCells='1'>" VTU_POINTS VTU_LIST("0 1 2 3", "4", "10") VTU_TAIL,
+    {VTU_HEAD "<Piece NumberOfPoints='2000000000' NumberOfCells='1'>" VTU_POINTS VTU_LIST("0 1 2 3", "4", "10")
+         VTU_TAIL,
      SB_ERROR_FORMAT, 0, -1, "too short"},
-    {VTU_HEAD "<Piece NumberOfPoints='4' NumberOfCells='2000000000'>" VTU_POINTS VTU_LIST("0 1 2 3", "4", "10") VTU_TAIL,
+    {VTU_HEAD "<Piece NumberOfPoints='4' NumberOfCells='2000000000'>" VTU_POINTS VTU_LIST("0 1 2 3", "4", "10")
+         VTU_TAIL,
      SB_ERROR_FORMAT, 0, 1, "ends"},
     {VTU_PIECE VTU_LIST("0 1 2 3", "4", "10") VTU_TAIL, SB_ERROR_FORMAT, 7, -1, "no array of points"},
     {VTU_PIECE VTU_POINTS VTU_TAIL, SB_ERROR_FORMAT, 5, -1, "no array offsets"},
@@ -1212,15 +1231,18 @@ static const struct bad_text {
     {VTU_PIECE VTU_POINTS VTU_LIST("0 1 2 3", "4", "42") VTU_TAIL, SB_ERROR_UNSUPPORTED, 0, 0, "polyhedron"},
     {VTU_PIECE VTU_POINTS VTU_LIST("0 1 2 3", "4", "13") VTU_TAIL, SB_ERROR_FORMAT, 6, 0, "wedge6"},
     {VTU_PIECE VTU_POINTS VTU_LIST("0 1 2 x", "4", "10") VTU_TAIL, SB_ERROR_FORMAT, 6, 0, "'x'"},
-    {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='2'>0 0</DataArray></Points>" VTU_TAIL, SB_ERROR_FORMAT,
-     0, -1, "2 components"},
-    {VTU_PIECE "<Points><DataArray type='String' NumberOfComponents='3'>0 0</DataArray></Points>" VTU_TAIL, SB_ERROR_FORMAT, 4,
-     -1, "type"},
-    {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='3'>0 0 0 1 0 0 0 1 0 0 0 nan</DataArray></Points>" VTU_TAIL,
+    {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='2'>0 0</DataArray></Points>" VTU_TAIL,
+     SB_ERROR_FORMAT, 0, -1, "2 components"},
+    {VTU_PIECE "<Points><DataArray type='String' NumberOfComponents='3'>0 0</DataArray></Points>" VTU_TAIL,
+     SB_ERROR_FORMAT, 4, -1, "type"},
+    {VTU_PIECE
+     "<Points><DataArray type='Float32' NumberOfComponents='3'>0 0 0 1 0 0 0 1 0 0 0 nan</DataArray></Points>" VTU_TAIL,
      SB_ERROR_NOT_FINITE, 4, -1, "nan"},
-    {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='3' format='appended' offset='0'/></Points>" VTU_TAIL,
+    {VTU_PIECE
+     "<Points><DataArray type='Float32' NumberOfComponents='3' format='appended' offset='0'/></Points>" VTU_TAIL,
      SB_ERROR_FORMAT, 4, -1, "appended"},
-    {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='3' format='binary'>MAAAAA</DataArray></Points>" VTU_TAIL,
+    {VTU_PIECE
+     "<Points><DataArray type='Float32' NumberOfComponents='3' format='binary'>MAAAAA</DataArray></Points>" VTU_TAIL,
      SB_ERROR_FORMAT, 4, -1, "cut off"},
     {VTU_PIECE "<Points><DataArray type='Float32' NumberOfComponents='3' format='hex'>00</DataArray></Points>" VTU_TAIL,
      SB_ERROR_FORMAT, 4, -1, "hex"},
@@ -1246,8 +1268,8 @@ static const struct bad_text {
     {"$NOD\n1\n1 0 0 0\n$ENDNOD\n$ELM\n1\n1 4 1 1 3 1 1 1\n$ENDELM\n", SB_ERROR_FORMAT, 7, 0, "3 nodes"},
     {"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$NOD\n1\n", SB_ERROR_FORMAT, 4, -1, "version 1"},
     {"$MeshFormat\n3 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0 1 7\n", SB_ERROR_FORMAT, 6, -1, "dimension 7"},
-    {"$MeshFormat\n3 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0 0\n$EndNodes\n$Elements\n1\n1 4 1 2 1 1\n", SB_ERROR_FORMAT, 10, 0,
-     "2 nodes"},
+    {"$MeshFormat\n3 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0 0\n$EndNodes\n$Elements\n1\n1 4 1 2 1 1\n",
+     SB_ERROR_FORMAT, 10, 0, "2 nodes"},
     {"$MeshFormat\n4 0 8\n$EndMeshFormat\n$Nodes\n1 1\n1 7 0 1\n", SB_ERROR_FORMAT, 6, -1, "dimension 7"},
     {"$MeshFormat\n4 0 8\n$EndMeshFormat\n$Nodes\n2000000000 1\n", SB_ERROR_FORMAT, 5, -1, "too short"}};
 
@@ -1426,7 +1448,8 @@ static void test_memory_failures(void)
 
 static void mutate(bytes *f, unsigned long long *state)
 {
-    static const char *const numbers[] = {"-1", "0", "4000000000", "99999999999999999999", "nan", "1e999", "2147483647", "x"};
+    static const char *const numbers[] = {"-1",  "0",     "4000000000", "99999999999999999999",
+                                          "nan", "1e999", "2147483647", "x"};
     size_t at = (size_t)(check_random(state) * (double)f->size);
     const char *number = numbers[(int)(check_random(state) * 8)];
     size_t length = strlen(number);
@@ -1466,7 +1489,8 @@ static void check_mutant(const bytes *f, int fix)
             const sb_mesh_set *set = &sets.sets[i];
             int ok = memchr(set->name, 0, sizeof set->name) != NULL;
             for (int k = 0; k < set->node_count; k++)
-                ok &= set->nodes[k] >= 0 && set->nodes[k] < mesh.node_count && (k == 0 || set->nodes[k] > set->nodes[k - 1]);
+                ok &= set->nodes[k] >= 0 && set->nodes[k] < mesh.node_count &&
+                      (k == 0 || set->nodes[k] > set->nodes[k - 1]);
             for (int k = 0; k < set->element_count; k++)
                 ok &= set->elements[k] >= 0 && set->elements[k] < mesh.element_count;
             for (int k = 0; k < set->face_count * set->face_corners; k++)
@@ -1577,11 +1601,19 @@ static void test_real_meshes(void)
 /* What people have in place of the file that they think of, by its first bytes, and a word of the error. */
 static void test_other_kinds(void)
 {
-    static const char *const starts[][2] = {{"\x1F\x8B\x08", "gzip"}, {"PK\x03\x04\x14", "zip archive"},
-                                            {"7z\xBC\xAF\x27\x1C", "7z"}, {"BZh91AY", "bzip2"},
-                                            {"\xFD" "7zXZ", "xz"}, {"version https://git-lfs.github.com/spec/v1\n", "LFS"},
-                                            {"<!doctype HTML><html>", "web page"}, {"<html><body>", "web page"},
-                                            {"\x89PNG\r\n", "PNG"}, {"%PDF-1.7", "PDF"}, {"\xFF\xFE#", "UTF-16"}};
+    static const char *const starts[][2] = {{"\x1F\x8B\x08", "gzip"},
+                                            {"PK\x03\x04\x14", "zip archive"},
+                                            {"7z\xBC\xAF\x27\x1C", "7z"},
+                                            {"BZh91AY", "bzip2"},
+                                            {"\xFD"
+                                             "7zXZ",
+                                             "xz"},
+                                            {"version https://git-lfs.github.com/spec/v1\n", "LFS"},
+                                            {"<!doctype HTML><html>", "web page"},
+                                            {"<html><body>", "web page"},
+                                            {"\x89PNG\r\n", "PNG"},
+                                            {"%PDF-1.7", "PDF"},
+                                            {"\xFF\xFE#", "UTF-16"}};
     static const char *const names[] = {"a.vtk", "a.vtu", "a.msh", "a.mesh", "a.obj", "a.stl", "a.ply", "a.off", "a"};
     for (size_t k = 0; k < sizeof starts / sizeof starts[0]; k++) {
         char content[128];
@@ -1605,7 +1637,8 @@ static void test_other_kinds(void)
 /* The header of a binary STL file is anybody's. */
 static void test_stl_headers(void)
 {
-    static const char *const headers[] = {"PK\x03\x04", "\x1F\x8B", "<html>", "%PDF", "version https://git-lfs", "solid"};
+    static const char *const headers[] = {"PK\x03\x04", "\x1F\x8B", "<html>", "%PDF", "version https://git-lfs",
+                                          "solid"};
     for (size_t k = 0; k < sizeof headers / sizeof headers[0]; k++) {
         bytes f = {NULL, 0, 0, 0};
         char header[80];
@@ -1630,7 +1663,7 @@ CHECK_SUITE(meshio_formats, {"gmsh 1, 3 and 4.0", test_gmsh_versions}, {"names o
             {"vtp", test_vtp}, {"inflate", test_inflate}, {"mixed meshes become tets", test_mixed_meshes},
             {"sets of mixed meshes", test_mixed_sets}, {"curved cells become tet10", test_curved_cells},
             {"fields that are regions", test_region_fields}, {"gmsh's tet10 order is named", test_gmsh_order},
-            {"errors say where", test_errors}, {"hostile xml", test_hostile_xml}, {"real meshes as vtu", test_real_meshes},
-            {"short files", test_short_files}, {"files that are something else", test_other_kinds},
-            {"headers of binary STL files", test_stl_headers},
+            {"errors say where", test_errors}, {"hostile xml", test_hostile_xml},
+            {"real meshes as vtu", test_real_meshes}, {"short files", test_short_files},
+            {"files that are something else", test_other_kinds}, {"headers of binary STL files", test_stl_headers},
             {"failing memory", test_memory_failures}, {"mutations", test_mutations});

@@ -138,7 +138,8 @@ static void test_beam(void)
 /* A tet4 on its own: six rigid modes and six elastic ones, all of them. Two of them: everything twice. */
 static void test_every_mode(void)
 {
-    static const sb_vec3 nodes[8] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {5, 0, 0}, {6, 0, 0}, {5, 1, 0}, {5, 0, 1}};
+    static const sb_vec3 nodes[8] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1},
+                                     {5, 0, 0}, {6, 0, 0}, {5, 1, 0}, {5, 0, 1}};
     static const int elements[8] = {0, 1, 2, 3, 4, 5, 6, 7};
     sb_real one[12], two[24];
     for (int k = 1; k <= 2; k++) {
@@ -235,7 +236,8 @@ static void shapes_hold(sb_element_type type, sb_integration integration, double
             double omega = 6.283185307179586 * (double)f[i];
             sb_energy energy;
             for (int j = 0; j <= i; j++)
-                CHECK_NEAR(mass_product(body, x, shapes + (size_t)j * (size_t)n, n), i == j, scene_tolerance(1e-10, 100));
+                CHECK_NEAR(mass_product(body, x, shapes + (size_t)j * (size_t)n, n), i == j,
+                           scene_tolerance(1e-10, 100));
             for (int k = 0; k < n; k++)
                 if (sb_body_supports(body)[k])
                     CHECK(sb_v3_norm(x[k]) == 0);
@@ -335,7 +337,8 @@ static void test_springs(void)
         else
             CHECK_OK(sb_body_add_springs(body, nodes, how ? 1 : 8, &k, 1, points, &id, NULL));
         if (find(body, how == 2 ? 3 : 6, NULL, f, NULL))
-            for (int i = 0; i < (how == 2 ? 3 : 6); i++) { /* 0, as often as it can turn about a row; else more: it rocks */
+            for (int i = 0; i < (how == 2 ? 3 : 6);
+                 i++) { /* 0, as often as it can turn about a row; else more: it rocks */
                 rigid += f[i] < REAL(0.05);
                 if (i == (how == 1 ? 3 : 0))
                     CHECK_NEAR((double)f[i] * 6.283185307179586, 2, SB_REAL_IS_FLOAT ? 1e-2 : 1e-4);
@@ -417,8 +420,8 @@ static void test_prony_and_pressure(void)
         } else {
             sb_boundary boundary;
             CHECK_OK(sb_mesh_boundary(&mesh, 0, NULL, &boundary, NULL));
-            CHECK_OK(sb_body_add_pressure(body, boundary.surface.elements + 4 * (boundary.surface.element_count - 1), 1, 4,
-                                          100, &id, NULL));
+            CHECK_OK(sb_body_add_pressure(body, boundary.surface.elements + 4 * (boundary.surface.element_count - 1), 1,
+                                          4, 100, &id, NULL));
             sb_boundary_free(&boundary);
             find(body, 3, NULL, later, NULL);
             CHECK(memcmp(later, elastic, sizeof later) == 0);
@@ -510,7 +513,8 @@ static void test_scale(void)
     double reference[8];
     for (int k = 0; k < 3; k++) {
         double scale = k == 0 ? 1 : k == 1 ? 1e-3 : 1e3;
-        sb_mesh mesh = scene_box(SB_TET10, 4, 2, 2, sb_v3(REAL(0.1 * scale), REAL(0.04 * scale), REAL(0.04 * scale)), 0.1);
+        sb_mesh mesh =
+            scene_box(SB_TET10, 4, 2, 2, sb_v3(REAL(0.1 * scale), REAL(0.04 * scale), REAL(0.04 * scale)), 0.1);
         sb_body *body = elastic_body(&mesh, sb_material_corotated(REAL(2e3 * scale), REAL(0.4), 1000));
         sb_real f[8];
         if (find(body, 8, NULL, f, NULL)) /* free: times go with sqrt(scale) */
@@ -672,8 +676,7 @@ static void test_memory(void)
 
 CHECK_SUITE(modes, {"references", test_references}, {"bar in closed form", test_bar},
             {"slender beam in closed form", test_beam}, {"every mode of a tetrahedron", test_every_mode},
-            {"shapes", test_shapes}, {"a shape swings with its frequency", test_swing},
-            {"springs", test_springs}, {"tied as merged", test_tied_as_merged},
-            {"Prony terms and pressure", test_prony_and_pressure}, {"mass kinds", test_mass_kinds}, {"present shape", test_present_shape}, {"scale invariance", test_scale},
-            {"leaves no trace", test_leaves_no_trace}, {"refusals", test_refusals},
-            {"failing memory", test_memory});
+            {"shapes", test_shapes}, {"a shape swings with its frequency", test_swing}, {"springs", test_springs},
+            {"tied as merged", test_tied_as_merged}, {"Prony terms and pressure", test_prony_and_pressure},
+            {"mass kinds", test_mass_kinds}, {"present shape", test_present_shape}, {"scale invariance", test_scale},
+            {"leaves no trace", test_leaves_no_trace}, {"refusals", test_refusals}, {"failing memory", test_memory});

@@ -274,8 +274,8 @@ static void test_symmetry(void)
     free(my);
 }
 
-/* Small stiff parts are solved, not smoothed: of a load next to nothing is left at their nodes, a few hundredths of what
- * is left elsewhere, from rounding. And still what multigrid makes of loads is symmetric and positive. */
+/* Small stiff parts are solved, not smoothed: of a load next to nothing is left at their nodes, a few hundredths of
+ * what is left elsewhere, from rounding. And still what multigrid makes of loads is symmetric and positive. */
 static void test_islands(void)
 {
     problem p = problem_beam(7, 0.15);
@@ -476,8 +476,9 @@ static double count_in_shares(problem *p, double mass, double tolerance, int *wh
 }
 
 /* Iterations hardly grow from 5,000 to 300,000 unknowns; many stiff inclusions at most double them. In float no x of
- * 300,000 unknowns has a residual below eps |A| |x|, 9e-4 of the load here, 5e-2 at rest (6,000 unknowns: 6e-5 and 3e-3): the last
- * iterations to 1e-3 fight with rounding, so that the series goes to 3e-3, and at rest to 1e-2 by the recurrence. */
+ * 300,000 unknowns has a residual below eps |A| |x|, 9e-4 of the load here, 5e-2 at rest (6,000 unknowns: 6e-5 and
+ * 3e-3): the last iterations to 1e-3 fight with rounding, so that the series goes to 3e-3, and at rest to 1e-2 by the
+ * recurrence. */
 static void test_series(void)
 {
     static const int sizes[5] = {8, 12, 16, 22, 31}; /* 5,832, ... 284,832 unknowns */
@@ -505,7 +506,8 @@ static double tet_volume(const sb_mesh *mesh, const int *tet)
 {
     const sb_vec3 *x = mesh->nodes;
     return (double)sb_v3_dot(sb_v3_sub(x[tet[1]], x[tet[0]]),
-                             sb_v3_cross(sb_v3_sub(x[tet[2]], x[tet[0]]), sb_v3_sub(x[tet[3]], x[tet[0]]))) / 6;
+                             sb_v3_cross(sb_v3_sub(x[tet[2]], x[tet[0]]), sb_v3_sub(x[tet[3]], x[tet[0]]))) /
+           6;
 }
 
 /* Flattens tets here and there to `quality` of their height by moving one corner towards the opposite face, where no
@@ -642,8 +644,8 @@ static void test_jumps(void)
     problem_free(&p);
 }
 
-/* Inclusions leave some 400 nodes to a coarsest level, whose factor is dear: there is one level more. Allocations that fail
- * around the dear factor leave nothing behind. */
+/* Inclusions leave some 400 nodes to a coarsest level, whose factor is dear: there is one level more. Allocations that
+ * fail around the dear factor leave nothing behind. */
 static void test_jumps_dear(void)
 {
     problem p = problem_beam(12, 0.15);
@@ -742,7 +744,7 @@ static void test_shapes(void)
     static const struct {
         int n[3];
         double size[3];
-    } shapes[6] = {{{1, 1, 1}, {1, 1, 1}},     {{2, 1, 1}, {1, 1, 1}},       {{200, 1, 1}, {2, 0.01, 0.01}},
+    } shapes[6] = {{{1, 1, 1}, {1, 1, 1}},      {{2, 1, 1}, {1, 1, 1}},    {{200, 1, 1}, {2, 0.01, 0.01}},
                    {{20, 20, 1}, {1, 1, 1e-3}}, {{6, 6, 6}, {1, 1, 1e-3}}, {{9, 3, 3}, {1e-4, 1e3, 1}}};
     for (int s = 0; s < 6; s++) {
         sb_vec3 size = sb_v3(REAL(shapes[s].size[0]), REAL(shapes[s].size[1]), REAL(shapes[s].size[2]));
@@ -1129,8 +1131,8 @@ static void test_memory(void)
     problem_free(&p);
 }
 
-/* A matrix that is far from positive definite, or not a matrix, among those with jumps: a solve says so or is right, and
- * the next good matrix is solved as if nothing had been. */
+/* A matrix that is far from positive definite, or not a matrix, among those with jumps: a solve says so or is right,
+ * and the next good matrix is solved as if nothing had been. */
 static void test_jumps_broken(void)
 {
     check_bad_numbers();
@@ -1277,7 +1279,7 @@ static void name_parts(sb_mesh *mesh, stiff_parts parts)
     for (int t = 0; t < mesh->element_count; t++) {
         const int *tet = mesh->elements + 4 * (size_t)t;
         mesh->regions[t] = parts == STIFF_SLABS ? (int)(6 * (double)mesh->nodes[tet[0]].x / 0.18) % 2
-                                          : modulus_of(mesh, tet, 0.06, parts, 1000) > 1e6;
+                                                : modulus_of(mesh, tet, 0.06, parts, 1000) > 1e6;
     }
 }
 
@@ -1395,7 +1397,8 @@ static void test_body_jumps(void)
     sb_mesh_free(&mesh);
 }
 
-/* A body that becomes nearly incompressible smooths like one that always was, also with a constraint and when loaded. */
+/* A body that becomes nearly incompressible smooths like one that always was, also with a constraint and when
+ * loaded. */
 static void test_body_poisson(void)
 {
     sb_mesh mesh = scene_box(SB_TET4, 24, 8, 8, sb_v3(REAL(0.18), REAL(0.06), REAL(0.06)), 0.1);
@@ -1557,18 +1560,15 @@ static void test_weighted_cells(void)
     sb_grid_free(&coarse);
 }
 
-CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry},
-            {"islands", test_islands}, {"large coarser levels", test_large_level}, {"golden levels", test_golden},
-            {"residual", test_residual}, {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps},
-            {"slivers", test_slivers},
+CHECK_SUITE(multigrid, {"exactness of Galerkin", test_galerkin}, {"symmetry", test_symmetry}, {"islands", test_islands},
+            {"large coarser levels", test_large_level}, {"golden levels", test_golden}, {"residual", test_residual},
+            {"series", test_series}, {"hard", test_hard}, {"jumps", test_jumps}, {"slivers", test_slivers},
             {"jumps: the answer", test_jumps_answer}, {"jumps: a dear coarsest level", test_jumps_dear},
-            {"jumps: a broken matrix", test_jumps_broken},
-            {"jumps: an indefinite matrix", test_jumps_indefinite}, {"free", test_free},
-            {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits}, {"bodies", test_body},
-            {"levels of one's own", test_own_levels},
+            {"jumps: a broken matrix", test_jumps_broken}, {"jumps: an indefinite matrix", test_jumps_indefinite},
+            {"free", test_free}, {"shapes", test_shapes}, {"updates", test_updates}, {"the same bits", test_bits},
+            {"bodies", test_body}, {"levels of one's own", test_own_levels},
             {"levels that hardly shrink", test_levels_that_hardly_shrink}, {"choice", test_choice},
-            {"refusals", test_refusals},
-            {"failing allocations", test_memory}, {"moduli", test_moduli},
+            {"refusals", test_refusals}, {"failing allocations", test_memory}, {"moduli", test_moduli},
             {"moduli at random", test_moduli_at_random}, {"bodies with jumps", test_body_jumps},
             {"bodies choose", test_bodies_choose}, {"bodies that become tight", test_body_poisson},
             {"weighted cells", test_weighted_cells});

@@ -1,4 +1,5 @@
-/* ndl_state: saved states of bodies with a remesher and of rods: what follows a load is what followed the save, bit for bit. */
+/* ndl_state: saved states of bodies with a remesher and of rods: what follows a load is what followed the save, bit for
+ * bit. */
 #include "image.h"
 #include "scene.h"
 
@@ -339,7 +340,8 @@ static void test_foreign(void)
             record now;
             puncture(&q, 0, 0.021, 0.024);
             now = record_of(&q);
-            CHECK_RESULT(sb_body_state_load(q.body, saved.bytes, saved.size, &error), i ? SB_ERROR_STATE : SB_ERROR_FORMAT);
+            CHECK_RESULT(sb_body_state_load(q.body, saved.bytes, saved.size, &error),
+                         i ? SB_ERROR_STATE : SB_ERROR_FORMAT);
             CHECK(error.message[0] && patient_is_at(&q, &now));
             CHECK_OK(ndl_remesh_check(q.remesh, NULL));
             record_free(&now);
@@ -550,11 +552,7 @@ static void test_rod_refusals(void)
 }
 
 CHECK_SUITE(ndl_state, {"continuation after loads with remeshing in between", test_continuation},
-            {"in and out of tissue, two needles", test_withdrawn},
-            {"growth, and another body", test_growth},
-            {"sealed images with wrong values", test_forgeries},
-            {"another's state", test_foreign},
-            {"every allocation failing", test_memory},
-            {"recordings of a remesher's calls", test_recording},
-            {"rod continues", test_rod},
-            {"rod refusals", test_rod_refusals});
+            {"in and out of tissue, two needles", test_withdrawn}, {"growth, and another body", test_growth},
+            {"sealed images with wrong values", test_forgeries}, {"another's state", test_foreign},
+            {"every allocation failing", test_memory}, {"recordings of a remesher's calls", test_recording},
+            {"rod continues", test_rod}, {"rod refusals", test_rod_refusals});

@@ -98,8 +98,8 @@ static void test_s_shape(void)
         check_radius(&p, 0, half, 1.0 / 8, 0.03);
         check_radius(&p, half + 4, p.count - half - 4, 1.0 / 8, 0.03);
         before = sb_v3_cross(sb_v3_sub(p.x[half / 2], p.x[0]), sb_v3_sub(p.x[half], p.x[half / 2]));
-        after = sb_v3_cross(sb_v3_sub(p.x[half + half / 2], p.x[half]),
-                            sb_v3_sub(p.x[p.count - 1], p.x[half + half / 2]));
+        after =
+            sb_v3_cross(sb_v3_sub(p.x[half + half / 2], p.x[half]), sb_v3_sub(p.x[p.count - 1], p.x[half + half / 2]));
         CHECK(sb_v3_dot(before, after) < REAL(-0.9) * sb_v3_norm(before) * sb_v3_norm(after));
     }
     needle_scene_free(&s);
@@ -524,8 +524,7 @@ static void test_tissue_steps_between(void)
             if (!needle_scene_run(&s, dt, 1, needle_command(i < 90 ? speed : -speed, 0)))
                 break;
             CHECK(needle_scene_is_sound(&s));
-            CHECK(needle_drift(&s, s.needles[0]) >= 0 &&
-                  needle_drift(&s, s.needles[0]) < scene_tolerance(1e-6, 1000));
+            CHECK(needle_drift(&s, s.needles[0]) >= 0 && needle_drift(&s, s.needles[0]) < scene_tolerance(1e-6, 1000));
         }
     needle_scene_free(&s);
 }
@@ -1208,10 +1207,8 @@ CHECK_SUITE(needle, {"a bevel cuts a circle", test_circle}, {"half a turn makes 
             {"two needles", test_two_needles}, {"needles that meet", test_needles_that_meet},
             {"destruction in any order", test_destruction}, {"steps of the tissue between", test_tissue_steps_between},
             {"odd materials", test_odd_materials}, {"no friction", test_no_friction}, {"odd steps", test_odd_steps},
-            {"substeps", test_substeps}, {"bad definitions", test_bad_definitions},
-            {"bad commands", test_bad_commands}, {"too many needles", test_too_many_needles},
-            {"creation without memory", test_creation_without_memory},
-            {"steps without memory", test_steps_without_memory},
-            {"steps take no memory", test_steps_take_no_memory},
-            {"needles that come and go", test_needles_that_come_and_go},
-            {"long random use", test_long_random_use}, {"random scenes", test_random_scenes});
+            {"substeps", test_substeps}, {"bad definitions", test_bad_definitions}, {"bad commands", test_bad_commands},
+            {"too many needles", test_too_many_needles}, {"creation without memory", test_creation_without_memory},
+            {"steps without memory", test_steps_without_memory}, {"steps take no memory", test_steps_take_no_memory},
+            {"needles that come and go", test_needles_that_come_and_go}, {"long random use", test_long_random_use},
+            {"random scenes", test_random_scenes});

@@ -347,8 +347,7 @@ static void test_push(void)
     }
 }
 
-CHECK_SUITE(needle_control,
-    {"a tip's pose looks along its way", test_pose_looks_along_the_way},
-    {"random targets in tissue that moves are hit", test_targets},
-    {"two cylinders are avoided by the whole shaft", test_obstacles},
-    {"a push at one place brings a target onto the path", test_push});
+CHECK_SUITE(needle_control, {"a tip's pose looks along its way", test_pose_looks_along_the_way},
+            {"random targets in tissue that moves are hit", test_targets},
+            {"two cylinders are avoided by the whole shaft", test_obstacles},
+            {"a push at one place brings a target onto the path", test_push});

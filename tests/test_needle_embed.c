@@ -88,8 +88,7 @@ static int make_organ(organ *o, int curved, unsigned long long *seed)
     embed.points = o->points;
     embed.kind = SB_EMBED_PLAIN; /* exact for affine motions, outside, too */
     embed.point_count = o->point_count;
-    if (!CHECK_OK(sb_body_create(&def, &o->body, NULL)) ||
-        !CHECK_OK(sb_embedding_create(&embed, &o->follows, NULL)) ||
+    if (!CHECK_OK(sb_body_create(&def, &o->body, NULL)) || !CHECK_OK(sb_embedding_create(&embed, &o->follows, NULL)) ||
         !CHECK_OK(sb_embedding_create(&embed, &o->stays, NULL)) ||
         !CHECK_OK(sb_embedding_follow(o->follows, o->body, NULL)))
         return 0;

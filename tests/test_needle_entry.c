@@ -1,13 +1,13 @@
-/* Entries into curved skin nobody chose: needles of two kinds into random ellipsoids of random cells and stiffness, from
- * random sides and at random angles. What the hand feels is of the size of friction and cutting; a shaft that the mesh
- * draws aside may add a little, and no more. */
+/* Entries into curved skin nobody chose: needles of two kinds into random ellipsoids of random cells and stiffness,
+ * from random sides and at random angles. What the hand feels is of the size of friction and cutting; a shaft that the
+ * mesh draws aside may add a little, and no more. */
 #include "needle_scene.h"
 
 typedef struct entry {
     sb_mesh mesh;
     sb_body *body;
     ndl_needle *needle;
-    double most;    /* N, of the hand */
+    double most; /* N, of the hand */
     int depth_steps, failed;
     sb_error error;
 } entry;
@@ -125,8 +125,8 @@ static void check_entries(sb_real slip, int first, int count)
         sum += force;
         over += force > 5;
     }
-    printf("entry_slip %.2f: %d entries, mean %.2f N, most %.2f N, %d over 5 N\n", (double)slip, count, sum / count, most,
-           over);
+    printf("entry_slip %.2f: %d entries, mean %.2f N, most %.2f N, %d over 5 N\n", (double)slip, count, sum / count,
+           most, over);
     CHECK(most < 5); /* cutting 0.3 N, friction under 0.2 N */
 }
 

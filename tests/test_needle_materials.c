@@ -1,5 +1,5 @@
-/* needle_materials: needles in bodies of every material, iterated and linearised: friction balance, energy, convergence with
- * mesh and steps, solvers, and what is refused. */
+/* needle_materials: needles in bodies of every material, iterated and linearised: friction balance, energy, convergence
+ * with mesh and steps, solvers, and what is refused. */
 #include "needle_scene.h"
 
 static const double dt = 0.02, speed = 0.01;
@@ -96,7 +96,8 @@ static void test_materials(void)
 
 /* ---- convergence ---- */
 
-/* The push while the needle goes sideways by 1 mm, 2 cm deep: what the tissue answers with, which mesh and steps change. */
+/* The push while the needle goes sideways by 1 mm, 2 cm deep: what the tissue answers with, which mesh and steps
+ * change. */
 static double sideways(int cells, double step, int max_newton)
 {
     needle_scene s = needle_scene_default();

@@ -16,12 +16,12 @@ typedef struct programs {
     ndl_friction frictions[3];
     sb_body *body;
     sb_vec3 low, high;
-    sb_real quality;        /* of the untouched mesh, */
-    double mass, volume;    /* kg, m^3 */
-    double least_quality;   /* of all, in shares of it */
-    double angles[2];       /* degrees: least and most of all dihedral angles */
+    sb_real quality;      /* of the untouched mesh, */
+    double mass, volume;  /* kg, m^3 */
+    double least_quality; /* of all, in shares of it */
+    double angles[2];     /* degrees: least and most of all dihedral angles */
     double mass_change, volume_change;
-    int entered;            /* programs that brought the needle into the tissue */
+    int entered; /* programs that brought the needle into the tissue */
     sb_error error;
 } programs;
 
@@ -63,7 +63,8 @@ static double mesh_volume(const sb_body *body)
         const int *n = sb_body_cell_nodes(body, t);
         if (n)
             sum += (double)sb_v3_dot(sb_v3_sub(X[n[1]], X[n[0]]),
-                                     sb_v3_cross(sb_v3_sub(X[n[2]], X[n[0]]), sb_v3_sub(X[n[3]], X[n[0]]))) / 6;
+                                     sb_v3_cross(sb_v3_sub(X[n[2]], X[n[0]]), sb_v3_sub(X[n[3]], X[n[0]]))) /
+                   6;
     }
     return sum;
 }
@@ -80,7 +81,8 @@ static int has_region(const sb_mesh *mesh, int region)
 static int is_original(const programs *p)
 {
     const sb_vec3 *X = sb_body_rest_positions(p->body);
-    int same = sb_body_node_count(p->body) == p->mesh.node_count && sb_body_element_count(p->body) == p->mesh.element_count;
+    int same =
+        sb_body_node_count(p->body) == p->mesh.node_count && sb_body_element_count(p->body) == p->mesh.element_count;
     for (int t = 0; t < p->mesh.element_count && same; t++)
         same = sb_body_cell_in_use(p->body, t) &&
                memcmp(sb_body_cell_nodes(p->body, t), p->mesh.elements + 4 * t, 4 * sizeof(int)) == 0;
@@ -155,7 +157,10 @@ static ndl_needle *random_needle(programs *p, unsigned long long *seed)
     return needle;
 }
 
-static int is_in(const ndl_needle *needle) { return ndl_needle_entry(needle) < ndl_rod_node_count(ndl_needle_rod(needle)); }
+static int is_in(const ndl_needle *needle)
+{
+    return ndl_needle_entry(needle) < ndl_rod_node_count(ndl_needle_rod(needle));
+}
 
 static void look_at_mesh(programs *p, const ndl_needle *needle)
 {
@@ -241,7 +246,8 @@ static void test_organ(void)
     programs p;
     memset(&p, 0, sizeof p);
     if (CHECK_OK(stuff(ellipsoid_distance, 0.05, 0.009, &p.mesh, &p.error)))
-        run_programs(&p, first_program(28), program_count(2)); /* 28: many small operations left a flat tet at the skin */
+        run_programs(&p, first_program(28),
+                     program_count(2)); /* 28: many small operations left a flat tet at the skin */
 }
 
 static void test_phantom_file(void)

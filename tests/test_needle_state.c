@@ -1,5 +1,6 @@
-/* Needles in the saved states and recordings of their bodies: what follows a load is what followed the save, bit for bit,
- * in mid-insertion, in another body, after anything in between; recordings of whole scenes replay. Generated programs. */
+/* Needles in the saved states and recordings of their bodies: what follows a load is what followed the save, bit for
+ * bit, in mid-insertion, in another body, after anything in between; recordings of whole scenes replay. Generated
+ * programs. */
 #include "image.h"
 #include "needle_scene.h"
 
@@ -66,7 +67,9 @@ static sb_result random_step(needle_scene *s, int seed, int number)
     memset(commands, 0, sizeof commands);
     for (int k = 0; k < s->count; k++) {
         int phase = number / 12 % 3; /* in, about, out */
-        double speed = phase == 0 ? draw_in(&d, 0.02, 0.09) : phase == 1 ? draw_in(&d, -0.02, 0.02) : -draw_in(&d, 0.01, 0.1);
+        double speed = phase == 0   ? draw_in(&d, 0.02, 0.09)
+                       : phase == 1 ? draw_in(&d, -0.02, 0.02)
+                                    : -draw_in(&d, 0.01, 0.1);
         commands[k].insertion = REAL(speed);
         commands[k].twist = REAL(draw_one(&d, 3) == 0 ? draw_in(&d, -3, 3) : 0);
         if (draw_one(&d, 4) == 0)
@@ -229,7 +232,8 @@ static void test_foreign(void)
     needle_scene_free(&a);
 }
 
-/* Sealed images whose part of needles has other words: refused with a word and nothing changed, or what is taken steps. */
+/* Sealed images whose part of needles has other words: refused with a word and nothing changed, or what is taken
+ * steps. */
 static void test_forgeries(void)
 {
     const uint32_t values[6] = {0xFFFFFFFFu, 0x7FFFFFFFu, 0, 1, 0x7FF00000u, 0x40000000u};

@@ -681,8 +681,8 @@ static void test_no_overlap(void)
  * shape or a named error. */
 static void test_odd_targets(void)
 {
-    sb_vec3 corners[4] = {{0, 0, REAL(0.07)}, {REAL(0.2), 0, REAL(0.07)}, {REAL(0.2), REAL(0.06), REAL(0.07)},
-                          {0, 0, REAL(0.07)}};
+    sb_vec3 corners[4] = {
+        {0, 0, REAL(0.07)}, {REAL(0.2), 0, REAL(0.07)}, {REAL(0.2), REAL(0.06), REAL(0.07)}, {0, 0, REAL(0.07)}};
     int triangles[6] = {0, 1, 2, 0, 1, 3};
     for (int kind = 0; kind < 3; kind++) {
         block made;
@@ -1023,8 +1023,8 @@ static int farthest(const liver *made)
     return best;
 }
 
-static double register_liver(const liver *made, sb_material material, int landmark, sb_real last_stiffness,
-                             int noisy, reg_nicp_info *info)
+static double register_liver(const liver *made, sb_material material, int landmark, sb_real last_stiffness, int noisy,
+                             reg_nicp_info *info)
 {
     sb_body_def body_def = sb_default_body_def();
     reg_nicp_def def = reg_default_nicp_def();
@@ -1125,5 +1125,6 @@ CHECK_SUITE(nicp, {"the formula of partners", test_formula}, {"the schedule of s
             {"a landmark that moves", test_moving_landmark}, {"supports and constraints", test_supports},
             {"the body is borrowed", test_borrowed}, {"caps", test_caps}, {"no overlap", test_no_overlap},
             {"odd targets", test_odd_targets}, {"threads", test_threads}, {"sources", test_sources},
-            {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals}, {"failing allocations", test_memory},
-            {"livers, whole surfaces", test_livers}, {"livers, partial surfaces", test_partial_livers});
+            {"a mesh that changed", test_changed_mesh}, {"refusals", test_refusals},
+            {"failing allocations", test_memory}, {"livers, whole surfaces", test_livers},
+            {"livers, partial surfaces", test_partial_livers});

@@ -1,4 +1,5 @@
-/* output: every writer on a full disk, over an old file and where there was none; what is no plain file; permissions. */
+/* output: every writer on a full disk, over an old file and where there was none; what is no plain file;
+ * permissions. */
 #if !defined(_WIN32)
 #define _XOPEN_SOURCE 700 /* symlink, mkfifo, setrlimit */
 #endif
@@ -120,7 +121,10 @@ static sb_result fail_picture(int failed, sb_error *error)
     return failed ? SB_ERROR_FILE : SB_OK;
 }
 
-static sb_result write_state(things *t, const char *path, sb_error *e) { return sb_body_state_save_file(t->body, path, e); }
+static sb_result write_state(things *t, const char *path, sb_error *e)
+{
+    return sb_body_state_save_file(t->body, path, e);
+}
 static sb_result write_record(things *t, const char *path, sb_error *e)
 {
     return sb_recording_save_file(t->recording, path, e);
@@ -169,10 +173,18 @@ static sb_result write_chart(things *t, const char *path, sb_error *e)
 static const struct writer {
     const char *name;
     sb_result (*write)(things *t, const char *path, sb_error *error);
-} writers[] = {{"state", write_state},           {"recording", write_record},  {"image", write_image},
-               {"VTK", write_vtk},               {"binary VTK", write_vtk_binary}, {"OBJ", write_obj},
-               {"STL", write_stl},               {"PLY", write_ply},           {"cloud", write_cloud},
-               {"cloud as text", write_cloud_text}, {"picture", write_picture}, {"chart", write_chart}};
+} writers[] = {{"state", write_state},
+               {"recording", write_record},
+               {"image", write_image},
+               {"VTK", write_vtk},
+               {"binary VTK", write_vtk_binary},
+               {"OBJ", write_obj},
+               {"STL", write_stl},
+               {"PLY", write_ply},
+               {"cloud", write_cloud},
+               {"cloud as text", write_cloud_text},
+               {"picture", write_picture},
+               {"chart", write_chart}};
 enum { WRITERS = (int)(sizeof writers / sizeof writers[0]) };
 
 /* ---- a full disk ---- */

@@ -132,16 +132,16 @@ typedef struct parts_scene {
     sb_element_type type;
     int n;
     sb_precond_kind kind;
-    double jump;     /* modulus and density of region 0 over the rest's */
+    double jump; /* modulus and density of region 0 over the rest's */
     double tolerance;
     int max_newton;
-    int workers;     /* 0: inline */
+    int workers; /* 0: inline */
 } parts_scene;
 
 typedef struct parts_body {
     sb_mesh mesh;
     sb_body *body;
-    int *part_of; /* [nodes] */
+    int *part_of;         /* [nodes] */
     int part_count, held; /* the part that is held */
 } parts_body;
 
@@ -247,7 +247,8 @@ static parts_error parts_fall(const parts_scene *scene, int steps)
         parts_judge(&p, fall, &error);
     error.part_count = p.part_count;
     if (getenv("CHECK_SLOW"))
-        printf("    pattern %d, type %d, n %d, %s, jump %g, tolerance %g: %d parts, %.1f iterations, off %.1e, mean %.1e\n",
+        printf("    pattern %d, type %d, n %d, %s, jump %g, tolerance %g: %d parts, %.1f iterations, off %.1e, mean "
+               "%.1e\n",
                (int)scene->pattern, (int)scene->type, scene->n, sb_precond_string(scene->kind), scene->jump,
                scene->tolerance, p.part_count, error.iterations, error.node, error.mean);
     parts_free(&p);
@@ -258,8 +259,8 @@ static const parts_scene parts_usual = {PARTS_COMBS, SB_TET4, 6, SB_PRECOND_IC0,
 
 static const sb_precond_kind parts_kinds[2] = {SB_PRECOND_IC0, SB_PRECOND_MULTIGRID};
 
-/* Cells of a random part hang on edges and corners, about which they turn at next to no force: what a residual leaves of
- * that is not asked of multigrid. IC(0) takes as many iterations as recorded. */
+/* Cells of a random part hang on edges and corners, about which they turn at next to no force: what a residual leaves
+ * of that is not asked of multigrid. IC(0) takes as many iterations as recorded. */
 static void test_patterns(void)
 {
     static const double most[5] = {20, 15, 7.5, 7.5, 4.5}; /* 14.6 to 36.3 with pieces across parts, and wrong */
@@ -338,7 +339,5 @@ static void test_threads(void)
 }
 
 CHECK_SUITE(parts, {"parts between each other fall as if alone", test_patterns},
-            {"long falls keep gravity", test_long_fall},
-            {"of all elements", test_elements},
-            {"iterated steps", test_newton},
-            {"same bits for any number of threads", test_threads});
+            {"long falls keep gravity", test_long_fall}, {"of all elements", test_elements},
+            {"iterated steps", test_newton}, {"same bits for any number of threads", test_threads});

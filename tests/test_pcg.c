@@ -40,8 +40,7 @@ static double largest(const double *x, int n)
     return size;
 }
 
-static sb_preconditioner *precond_make(const sb_matrix *a, sb_precond_kind kind, const sb_vec3 *positions,
-                                       int pieces)
+static sb_preconditioner *precond_make(const sb_matrix *a, sb_precond_kind kind, const sb_vec3 *positions, int pieces)
 {
     sb_preconditioner_def def = sb_default_preconditioner_def();
     sb_preconditioner *p = NULL;
@@ -53,8 +52,8 @@ static sb_preconditioner *precond_make(const sb_matrix *a, sb_precond_kind kind,
     return p;
 }
 
-static sb_result solve(const sb_matrix *a, sb_preconditioner *p, const sb_real *rhs, sb_real *x,
-                       double tolerance, int max_iterations, const sb_jobs *jobs, sb_pcg_info *info)
+static sb_result solve(const sb_matrix *a, sb_preconditioner *p, const sb_real *rhs, sb_real *x, double tolerance,
+                       int max_iterations, const sb_jobs *jobs, sb_pcg_info *info)
 {
     sb_pcg_options options = sb_default_pcg_options();
     sb_pcg_workspace workspace;
@@ -87,8 +86,7 @@ static double true_residual(const sb_matrix *a, const sb_real *rhs, const sb_rea
 }
 
 /* Coupled pairs of nodes with blocks value * I; the diagonal blocks are diagonal * I. */
-static sb_matrix scalar_matrix(int nodes, double diagonal, int pairs, const int (*pair)[2],
-                               const double *value)
+static sb_matrix scalar_matrix(int nodes, double diagonal, int pairs, const int (*pair)[2], const double *value)
 {
     sb_matrix a;
     memset(&a, 0, sizeof a);
@@ -140,8 +138,7 @@ static void test_none_and_defaults(void)
     sb_preconditioner *p = precond_make(&b.a, SB_PRECOND_NONE, b.positions, SB_PRECOND_PIECES_AUTO);
     sb_preconditioner_info info = sb_preconditioner_get_info(p);
     CHECK(def.kind == SB_PRECOND_AUTO && def.positions == NULL && def.piece_count == SB_PRECOND_PIECES_AUTO);
-    CHECK(options.tolerance > 0 && options.tolerance <= 1e-3 && options.max_iterations == 1000 &&
-          !options.jobs);
+    CHECK(options.tolerance > 0 && options.tolerance <= 1e-3 && options.max_iterations == 1000 && !options.jobs);
     CHECK(info.kind == SB_PRECOND_NONE && info.piece_count == 0);
     sb_preconditioner_apply(p, b.rhs, b.x);
     CHECK(memcmp(b.rhs, b.x, sizeof(sb_real) * (size_t)b.n) == 0);
@@ -160,10 +157,8 @@ static void check_splitting(const sb_matrix *a, sb_precond_kind kind, double rel
     int n = 3 * a->row_count;
     sb_preconditioner *p = precond_make(a, kind, NULL, 0);
     double *m = dense_of(a), *t = (double *)calloc((size_t)(n * n), sizeof(double));
-    double *full = (double *)calloc((size_t)(n * n), sizeof(double)),
-           *z = (double *)malloc(sizeof(double) * (size_t)n);
-    sb_real *r = (sb_real *)malloc(sizeof(sb_real) * (size_t)n),
-            *out = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
+    double *full = (double *)calloc((size_t)(n * n), sizeof(double)), *z = (double *)malloc(sizeof(double) * (size_t)n);
+    sb_real *r = (sb_real *)malloc(sizeof(sb_real) * (size_t)n), *out = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
     unsigned long long seed = 4;
     for (int i = 0; i < n; i++) /* t = (D/w + L) C^-T with D/w = C C^T: M = t t^T */
         for (int j = 0; j < n; j++)
@@ -217,8 +212,7 @@ static void check_complete(sb_matrix *a)
 {
     int n = 3 * a->row_count;
     unsigned long long seed = 8;
-    sb_real *r = (sb_real *)malloc(sizeof(sb_real) * (size_t)n),
-            *z = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
+    sb_real *r = (sb_real *)malloc(sizeof(sb_real) * (size_t)n), *z = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
     double *exact;
     sb_preconditioner *p;
     fill_random(a, 17);
@@ -442,7 +436,7 @@ static void test_halves_shift(void)
 {
     enum { RINGS = 300 };
     static sb_real r[12 * RINGS], z[2][12 * RINGS];
-    int (*pairs)[2] = (int (*)[2])malloc(4 * RINGS * sizeof *pairs);
+    int(*pairs)[2] = (int(*)[2])malloc(4 * RINGS * sizeof *pairs);
     double *values = (double *)malloc(4 * RINGS * sizeof *values);
     sb_vec3 *positions = (sb_vec3 *)malloc(4 * RINGS * sizeof *positions);
     unsigned long long seed = 37;
@@ -454,7 +448,7 @@ static void test_halves_shift(void)
         values[k] = k >= 4 * (RINGS - 1) ? kershaw_values[k % 4] : kind_values[k % 4]; /* only the last is one of his */
         positions[k] = sb_v3((sb_real)k, (sb_real)check_random_in(&seed, 0, 9), (sb_real)check_random_in(&seed, 0, 9));
     }
-    a = scalar_matrix(4 * RINGS, 3, 4 * RINGS, (const int (*)[2])pairs, values);
+    a = scalar_matrix(4 * RINGS, 3, 4 * RINGS, (const int(*)[2])pairs, values);
     p = precond_make(&a, SB_PRECOND_IC0, positions, 5);
     CHECK_NEAR(sb_preconditioner_get_info(p).shift, 0.25, 1e-12);
     CHECK_INT(sb_preconditioner_get_info(p).attempts, 3);
@@ -576,8 +570,7 @@ static void test_iteration_counts(void)
         CHECK_NEAR(loose.residual, true_residual(&b.a, b.rhs, b.x), 1e-4);
         memset(b.x, 0, sizeof(sb_real) * (size_t)b.n);
         CHECK_OK(solve(&b.a, p, b.rhs, b.x, 1e-4, 3000, NULL, &tight));
-        if (!CHECK(abs(loose.iterations - cases[k].loose) <= slack &&
-                   abs(tight.iterations - cases[k].tight) <= slack))
+        if (!CHECK(abs(loose.iterations - cases[k].loose) <= slack && abs(tight.iterations - cases[k].tight) <= slack))
             printf("case %d: %d and %d iterations\n", (int)k, loose.iterations, tight.iterations);
         sb_preconditioner_free(p);
     }
@@ -643,8 +636,7 @@ static void test_degenerate_pieces(void)
     for (int k = 0; k < 4; k++)
         for (int same = 0; same < 2; same++) {
             sb_vec3 *positions = (sb_vec3 *)calloc((size_t)b.nodes, sizeof(sb_vec3)); /* all in one place */
-            sb_preconditioner *p =
-                precond_make(&b.a, SB_PRECOND_SSOR, same ? positions : b.positions, pieces[k]);
+            sb_preconditioner *p = precond_make(&b.a, SB_PRECOND_SSOR, same ? positions : b.positions, pieces[k]);
             sb_pcg_info info;
             memset(b.x, 0, sizeof(sb_real) * (size_t)b.n);
             CHECK_OK(solve(&b.a, p, b.rhs, b.x, SB_REAL_IS_FLOAT ? 1e-4 : 1e-10, 200, NULL, &info));
@@ -734,8 +726,7 @@ static void test_scales(void)
     beam b = beam_make(10, 3, 3, 1, 1);
     size_t bytes = sizeof(sb_real) * (size_t)b.n;
     sb_real *reference = (sb_real *)malloc(bytes);
-    const double powers[2][2] = {{SB_REAL_IS_FLOAT ? 1e9 : 1e40, SB_REAL_IS_FLOAT ? 1e-12 : 1e-50},
-                                 {1e-9, 1e6}};
+    const double powers[2][2] = {{SB_REAL_IS_FLOAT ? 1e9 : 1e40, SB_REAL_IS_FLOAT ? 1e-12 : 1e-50}, {1e-9, 1e6}};
     sb_pcg_info info, scaled;
     sb_preconditioner *p = precond_make(&b.a, SB_PRECOND_IC0, b.positions, 4);
     double tolerance = SB_REAL_IS_FLOAT ? 1e-4 : 1e-9;
@@ -1055,14 +1046,14 @@ CHECK_SUITE(pcg, {"defaults and no preconditioner", test_none_and_defaults},
             {"block Jacobi and SSOR equal dense", test_jacobi_and_ssor},
             {"IC0 is complete without fill", test_ic0_complete},
             {"smoothers are symmetric", test_smoothers_are_symmetric}, {"IC0 shift", test_shift},
-            {"IC0 shift with pieces", test_shift_with_pieces}, {"halves are complete without fill", test_halves_complete},
-            {"indefinite halves", test_halves_indefinite}, {"shift of halves", test_halves_shift},
-            {"indefinite factor", test_indefinite_factor}, {"solves equal dense", test_solves_equal_dense},
-            {"prescribed values", test_prescribed_values}, {"iteration counts", test_iteration_counts},
-            {"coarse space", test_coarse_space}, {"coarse residual", test_coarse_residual},
-            {"degenerate pieces", test_degenerate_pieces}, {"moved positions", test_moved_positions}, {"warm start", test_warm_start},
-            {"zero rhs and one node", test_zero_rhs_and_one_node}, {"scales", test_scales},
-            {"threads", test_threads}, {"golden solve", test_golden_solve}, {"iteration cap", test_cap},
-            {"tolerance zero", test_tolerance_zero}, {"indefinite solve", test_indefinite_solve},
-            {"singular", test_singular}, {"not finite", test_not_finite},
+            {"IC0 shift with pieces", test_shift_with_pieces},
+            {"halves are complete without fill", test_halves_complete}, {"indefinite halves", test_halves_indefinite},
+            {"shift of halves", test_halves_shift}, {"indefinite factor", test_indefinite_factor},
+            {"solves equal dense", test_solves_equal_dense}, {"prescribed values", test_prescribed_values},
+            {"iteration counts", test_iteration_counts}, {"coarse space", test_coarse_space},
+            {"coarse residual", test_coarse_residual}, {"degenerate pieces", test_degenerate_pieces},
+            {"moved positions", test_moved_positions}, {"warm start", test_warm_start},
+            {"zero rhs and one node", test_zero_rhs_and_one_node}, {"scales", test_scales}, {"threads", test_threads},
+            {"golden solve", test_golden_solve}, {"iteration cap", test_cap}, {"tolerance zero", test_tolerance_zero},
+            {"indefinite solve", test_indefinite_solve}, {"singular", test_singular}, {"not finite", test_not_finite},
             {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});

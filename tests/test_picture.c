@@ -49,8 +49,7 @@ static int inflate_fixed(const unsigned char *data, size_t data_size, unsigned c
 {
     static const int base[] = {3,  4,  5,  6,  7,  8,  9,  10, 11,  13,  15,  17,  19,  23, 27,
                                31, 35, 43, 51, 59, 67, 83, 99, 115, 131, 163, 195, 227, 258};
-    static const int extra[] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2,
-                                2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 0};
+    static const int extra[] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 0};
     bit_reader r = {data, data_size, 16};
     size_t n = 0;
     unsigned long a = 1, b = 0;
@@ -91,8 +90,7 @@ static size_t big_endian(const unsigned char *p)
 /* Pixels [height][width][3] of a file, or NULL after a failed check; free() them. */
 static unsigned char *read_png(const char *path, int width, int height)
 {
-    static const unsigned char end[12] = {0,   0,   0,    0,    'I',  'E',
-                                          'N', 'D', 0xae, 0x42, 0x60, 0x82}; /* CRC known */
+    static const unsigned char end[12] = {0, 0, 0, 0, 'I', 'E', 'N', 'D', 0xae, 0x42, 0x60, 0x82}; /* CRC known */
     size_t row = 1 + 3 * (size_t)width, rows = row * (size_t)height, size, most = 2 * rows + 1000;
     unsigned char *file = (unsigned char *)malloc(most), *raw = (unsigned char *)malloc(rows);
     unsigned char *pixels = (unsigned char *)malloc(rows);
@@ -104,17 +102,15 @@ static unsigned char *read_png(const char *path, int width, int height)
     good = CHECK(good && size > 57 && size < most) && CHECK(memcmp(file, "\x89PNG\r\n\x1a\n", 8) == 0) &&
            CHECK(big_endian(file + 8) == 13) && CHECK(memcmp(file + 12, "IHDR", 4) == 0) &&
            CHECK_INT(big_endian(file + 16), width) && CHECK_INT(big_endian(file + 20), height) &&
-           CHECK(memcmp(file + 24, "\x08\x02\x00\x00\x00", 5) == 0) &&
-           CHECK_INT(big_endian(file + 33), size - 57) && CHECK(memcmp(file + 37, "IDAT", 4) == 0) &&
-           CHECK(memcmp(file + size - 12, end, 12) == 0) &&
+           CHECK(memcmp(file + 24, "\x08\x02\x00\x00\x00", 5) == 0) && CHECK_INT(big_endian(file + 33), size - 57) &&
+           CHECK(memcmp(file + 37, "IDAT", 4) == 0) && CHECK(memcmp(file + size - 12, end, 12) == 0) &&
            CHECK(inflate_fixed(file + 41, size - 57, raw, rows));
     for (size_t i = 0; good && i < rows; i++) {
         size_t y = i / row, x = i % row;
         if (x == 0)
             good = CHECK(raw[i] == 2);
         else
-            pixels[y * (row - 1) + x - 1] =
-                (unsigned char)(raw[i] + (y ? pixels[(y - 1) * (row - 1) + x - 1] : 0));
+            pixels[y * (row - 1) + x - 1] = (unsigned char)(raw[i] + (y ? pixels[(y - 1) * (row - 1) + x - 1] : 0));
     }
     free(file);
     free(raw);
@@ -167,10 +163,8 @@ static const float *pixel_of(const picture *p, double x, double y, double z)
 static int has_hue(const float *pixel, double value)
 {
     picture_colour c = picture_map(value);
-    double most = fmax(fmax((double)pixel[0], (double)pixel[1]), (double)pixel[2]),
-           least = fmax(c.r, fmax(c.g, c.b));
-    return fabs((double)pixel[0] / most - c.r / least) < 0.1 &&
-           fabs((double)pixel[1] / most - c.g / least) < 0.1 &&
+    double most = fmax(fmax((double)pixel[0], (double)pixel[1]), (double)pixel[2]), least = fmax(c.r, fmax(c.g, c.b));
+    return fabs((double)pixel[0] / most - c.r / least) < 0.1 && fabs((double)pixel[1] / most - c.g / least) < 0.1 &&
            fabs((double)pixel[2] / most - c.b / least) < 0.1;
 }
 
@@ -200,8 +194,7 @@ static void test_png_round_trip(void)
             picture_begin(&p, sizes[s][0], sizes[s][1]);
             for (size_t i = 0; i < 3 * (size_t)p.width * (size_t)p.height; i++) {
                 double noise = check_random(&seed);
-                p.pixels[i] =
-                    (float)(kind == 0 || (kind == 2 && noise < 0.98) ? 0.3 : check_random(&seed) * 1.2 - 0.1);
+                p.pixels[i] = (float)(kind == 0 || (kind == 2 && noise < 0.98) ? 0.3 : check_random(&seed) * 1.2 - 0.1);
             }
             check_round_trip(&p);
             picture_end(&p);

@@ -324,8 +324,8 @@ static void test_iteration_counts(void)
         sb_preconditioner *p = make_updated(&b, rows[k].kind, rows[k].power, rows[k].pieces);
         int count = iterations(&b, p, 1e-3);
         if (!CHECK(count >= 1 && count <= rows[k].most))
-            printf("    kind %d power %d pieces %d: %d iterations\n", (int)rows[k].kind, rows[k].power,
-                   rows[k].pieces, count);
+            printf("    kind %d power %d pieces %d: %d iterations\n", (int)rows[k].kind, rows[k].power, rows[k].pieces,
+                   count);
         sb_preconditioner_free(p);
     }
     beam_free(&b);
@@ -505,9 +505,9 @@ static void test_symmetric(void)
     sb_quat *rotations = (sb_quat *)malloc((size_t)b.n * sizeof(sb_quat));
     unsigned long long seed = 77;
     for (int i = 0; i < b.n; i++)
-        rotations[i] = sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)),
-                                                          REAL(check_random_in(&seed, -3, 3)),
-                                                          REAL(check_random_in(&seed, -3, 3))));
+        rotations[i] =
+            sb_quat_from_rotation_vector(sb_v3(REAL(check_random_in(&seed, -3, 3)), REAL(check_random_in(&seed, -3, 3)),
+                                               REAL(check_random_in(&seed, -3, 3))));
     for (int kind = SB_PRECOND_BLOCK_JACOBI; kind <= SB_PRECOND_CHOLESKY; kind++) {
         sb_preconditioner *p = make_updated(&b, (sb_precond_kind)kind, 1, 0);
         sb_real *u = random_vector(3 * b.n, 21), *v = random_vector(3 * b.n, 22), *mu = random_vector(3 * b.n, 1);
@@ -940,8 +940,6 @@ CHECK_SUITE(precond, {"FSAI equals dense", test_fsai_dense}, {"FSAI is complete 
             {"iteration counts", test_iteration_counts}, {"scales", test_scales}, {"bent beam", test_bent_beam},
             {"bent factor", test_bent_factor}, {"turned as a whole", test_turned_whole},
             {"symmetric with rotations", test_symmetric}, {"nodal rotations", test_nodal_rotations},
-            {"threads", test_threads},
-            {"golden inverses", test_golden}, {"saved and loaded", test_saved}, {"saved halves", test_saved_halves},
-            {"damaged images", test_damaged},
-            {"bodies", test_bodies},
+            {"threads", test_threads}, {"golden inverses", test_golden}, {"saved and loaded", test_saved},
+            {"saved halves", test_saved_halves}, {"damaged images", test_damaged}, {"bodies", test_bodies},
             {"bad arguments", test_bad_arguments}, {"failing memory", test_failing_memory});

@@ -5,10 +5,7 @@
 #include "image.h"
 #include "scene.h"
 
-static sb_mesh make_mesh(void)
-{
-    return scene_box(SB_TET4, 5, 2, 2, sb_v3(REAL(0.2), REAL(0.05), REAL(0.05)), 0);
-}
+static sb_mesh make_mesh(void) { return scene_box(SB_TET4, 5, 2, 2, sb_v3(REAL(0.2), REAL(0.05), REAL(0.05)), 0); }
 
 static sb_body *make_body_with(const sb_mesh *mesh, double young, sb_jobs jobs)
 {

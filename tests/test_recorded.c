@@ -17,7 +17,7 @@ typedef struct scheme {
 /* A body of two parts, and what was put on it before the recording began. */
 typedef struct actor {
     sb_mesh mesh;
-    sb_mesh target;   /* its surface, pushed aside */
+    sb_mesh target; /* its surface, pushed aside */
     sb_boundary boundary;
     sb_body *body;
     reg_match *match; /* made before the recording; NULL where there are constraints */
@@ -82,15 +82,18 @@ static sb_result act_change(actor *a)
     sb_result result = sb_body_change_begin(a->body, &change, &a->error);
     if (result != SB_OK)
         return result;
-    result = sb_body_change_move_node(change, a->free_nodes[0], sb_v3_add(x, sb_v3(REAL(1e-4), 0, REAL(1e-4))), NULL, NULL, 0,
-                                      &a->error);
+    result = sb_body_change_move_node(change, a->free_nodes[0], sb_v3_add(x, sb_v3(REAL(1e-4), 0, REAL(1e-4))), NULL,
+                                      NULL, 0, &a->error);
     if (result == SB_OK)
         result = sb_body_change_commit(change, &a->error);
     if (result != SB_OK)
         sb_body_change_cancel(change);
     return result;
 }
-static void act_follow(void *user, const sb_body *body, const sb_mesh_change *change) { (void)user, (void)body, (void)change; }
+static void act_follow(void *user, const sb_body *body, const sb_mesh_change *change)
+{
+    (void)user, (void)body, (void)change;
+}
 static sb_result act_listen(actor *a)
 {
     sb_body_listener listener = {NULL, NULL, act_follow, NULL, NULL};
@@ -349,10 +352,7 @@ static sb_result act_stable_step(actor *a)
     sb_real dt;
     return sb_body_stable_step(a->body, &dt, &a->error);
 }
-static sb_result act_load_state(actor *a)
-{
-    return sb_body_state_load(a->body, a->state, a->state_size, &a->error);
-}
+static sb_result act_load_state(actor *a) { return sb_body_state_load(a->body, a->state, a->state_size, &a->error); }
 static sb_result act_load_file(actor *a)
 {
     sb_result result = SB_OK;
@@ -698,8 +698,8 @@ static void test_explicit(void) { check_scheme(SB_HEX8, SB_CENTRAL_DIFFERENCE, S
 /* 1 when the declaration takes something by which a body can be changed. */
 static int takes_body(const char *declaration)
 {
-    static const char *const kinds[] = {"sb_body *", "reg_match *", "reg_nicp *", "reg_loads_def *", "reg_match_def *",
-                                        "reg_nicp_def *"};
+    static const char *const kinds[] = {"sb_body *",       "reg_match *",     "reg_nicp *",
+                                        "reg_loads_def *", "reg_match_def *", "reg_nicp_def *"};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
         const char *at = strchr(declaration, '(');
         while (at && (at = strstr(at, kinds[k])) != NULL) {
@@ -715,8 +715,8 @@ static int takes_body(const char *declaration)
 /* Changes of the mesh, which need slack, are recorded and replayed in test_live_mesh.c; listeners change no body. */
 static int has_act(const char *name)
 {
-    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create", "sb_body_change_begin", "sb_body_listen",
-                                            "sb_body_unlisten"};
+    static const char *const elsewhere[] = {"sb_body_destroy", "sb_body_create", "sb_body_change_begin",
+                                            "sb_body_listen", "sb_body_unlisten"};
     for (int i = 0; i < ACT_COUNT; i++)
         if (strcmp(acts[i].name, name) == 0)
             return 1;
@@ -726,7 +726,8 @@ static int has_act(const char *name)
     return 0;
 }
 
-/* A match that finds nothing to match leaves a recorded body as it was to the last bit, and no trace in the recording. */
+/* A match that finds nothing to match leaves a recorded body as it was to the last bit, and no trace in the
+ * recording. */
 static void test_failed_match(void)
 {
     const act match = {"reg_match_step", act_match_step, ACTOR_MATCHED};
@@ -803,4 +804,5 @@ static void test_all_named(void)
 
 CHECK_SUITE(recorded, {"tet4, Newmark", test_tet4}, {"hex8, Euler, IC(0)", test_hex8},
             {"generalised alpha, factor", test_factor}, {"multigrid", test_multigrid},
-            {"central differences", test_explicit}, {"a match that fails", test_failed_match}, {"no function is missing", test_all_named});
+            {"central differences", test_explicit}, {"a match that fails", test_failed_match},
+            {"no function is missing", test_all_named});

@@ -49,10 +49,7 @@ static table read_table(const char *name, const char *file, int columns)
     return t;
 }
 
-static const double *table_row(const table *t, int row)
-{
-    return t->items + (size_t)row * (size_t)t->columns;
-}
+static const double *table_row(const table *t, int row) { return t->items + (size_t)row * (size_t)t->columns; }
 
 /* Relative L2 difference of the vectors in columns 1 to 3, for the nodes in column 0. */
 static double vector_difference(const table *t, const sb_vec3 *values, int count)
@@ -200,8 +197,7 @@ static void compare_history(history *h, const char *name, const case_file *c, sb
     table snapshot = read_table(name, file, 4);
     if (snapshot.rows > 0)
         h->snapshot_difference =
-            fmax(h->snapshot_difference,
-                 vector_difference(&snapshot, sb_body_displacements(body), c->mesh.node_count));
+            fmax(h->snapshot_difference, vector_difference(&snapshot, sb_body_displacements(body), c->mesh.node_count));
     free(snapshot.items);
 }
 
@@ -248,8 +244,8 @@ static void compare_dynamic(const char *name)
         CHECK_NEAR(h.motion_difference, 0, 1e-4);
         CHECK_NEAR(h.energy_difference, 0, SB_REAL_IS_FLOAT ? 1e-2 : 1e-4);
         CHECK_NEAR(h.snapshot_difference, 0, SB_REAL_IS_FLOAT ? 5e-2 : 1e-3);
-        printf("  %-26s tip %.1e energies %.1e snapshots %.1e  %d newton %d pcg %.2f s\n", name,
-               h.motion_difference, h.energy_difference, h.snapshot_difference, h.newton, h.pcg,
+        printf("  %-26s tip %.1e energies %.1e snapshots %.1e  %d newton %d pcg %.2f s\n", name, h.motion_difference,
+               h.energy_difference, h.snapshot_difference, h.newton, h.pcg,
                (double)(clock() - begin) / (double)CLOCKS_PER_SEC);
     }
     free(h.tip.items);
@@ -257,9 +253,9 @@ static void compare_dynamic(const char *name)
     case_free(&c);
 }
 
-/* What rounding of the stiffness may make of a rigid motion's frequency (Hz). Squares of frequencies are off by a share of
- * the unit of rounding times the square of the mesh's largest; 0.05 at most was seen in single precision, 0.25 is let
- * pass. */
+/* What rounding of the stiffness may make of a rigid motion's frequency (Hz). Squares of frequencies are off by a share
+ * of the unit of rounding times the square of the mesh's largest; 0.05 at most was seen in single precision, 0.25 is
+ * let pass. */
 static double rigid_rounding(sb_body *body)
 {
     sb_real step = 1;
@@ -378,20 +374,17 @@ static void test_bend_fine(void)
         CHECK_SKIP("takes half a minute; runs with CHECK_SLOW=1");
 }
 
-CHECK_SUITE(reference, {"linear cantilever, tet4", test_linear_tet4},
-            {"linear cantilever, tet10", test_linear_tet10}, {"linear cantilever, hex8", test_linear_hex8},
-            {"neo-Hookean cantilever, tet4", test_neo_hookean_tet4},
+CHECK_SUITE(reference, {"linear cantilever, tet4", test_linear_tet4}, {"linear cantilever, tet10", test_linear_tet10},
+            {"linear cantilever, hex8", test_linear_hex8}, {"neo-Hookean cantilever, tet4", test_neo_hookean_tet4},
             {"neo-Hookean cantilever, tet10", test_neo_hookean_tet10},
             {"neo-Hookean cantilever, hex8", test_neo_hookean_hex8}, {"uniaxial stretch", test_uniaxial},
             {"St. Venant-Kirchhoff cantilever, tet4", test_svk_tet4},
             {"St. Venant-Kirchhoff cantilever, tet10", test_svk_tet10}, {"twist by 90 degrees", test_twist},
             {"bent cylinder, coarse", test_bend}, {"bent cylinder, fine", test_bend_fine},
             {"stretched cylinder", test_stretch}, {"phantom with two regions, tet4", test_phantom_tet4},
-            {"phantom with two regions, tet10", test_phantom_tet10},
-            {"released cantilever, tet4", test_release_tet4},
-            {"released cantilever, tet10", test_release_tet10},
-            {"released cantilever, hex20", test_release_hex20}, {"linear cantilever, hex20", test_linear_hex20},
-            {"neo-Hookean cantilever, hex20", test_neo_hookean_hex20},
+            {"phantom with two regions, tet10", test_phantom_tet10}, {"released cantilever, tet4", test_release_tet4},
+            {"released cantilever, tet10", test_release_tet10}, {"released cantilever, hex20", test_release_hex20},
+            {"linear cantilever, hex20", test_linear_hex20}, {"neo-Hookean cantilever, hex20", test_neo_hookean_hex20},
             {"St. Venant-Kirchhoff cantilever, hex20", test_svk_hex20},
             {"twist by 90 degrees, hex20", test_twist_hex20}, {"stretched cylinder, hex20", test_stretch_hex20},
             {"Mooney-Rivlin, uniaxial", test_mooney_uniaxial}, {"Mooney-Rivlin, shear", test_mooney_shear},

@@ -138,7 +138,8 @@ static sb_body *remesh_body(const sb_mesh *mesh, double slack, const sb_allocato
         if (!found)
             continue;
         regions[def.region_material_count].region = r;
-        regions[def.region_material_count++].material = sb_material_corotated(50000, REAL(0.3), REAL(remesh_densities[r]));
+        regions[def.region_material_count++].material =
+            sb_material_corotated(50000, REAL(0.3), REAL(remesh_densities[r]));
     }
     if (allocator)
         def.allocator = *allocator;
@@ -153,10 +154,7 @@ typedef struct watch {
     int *changed, changed_count; /* tets since the last look */
 } watch;
 
-static void watch_tet(watch *w, int tet)
-{
-    w->changed[w->changed_count++ % w->capacity] = tet;
-}
+static void watch_tet(watch *w, int tet) { w->changed[w->changed_count++ % w->capacity] = tet; }
 
 static int watch_weights(const int *start, const sb_real *weights, int count)
 {
@@ -252,8 +250,9 @@ static void tet_angles(const sb_body *body, int tet, double *low, double *high)
     }
     for (int f = 0; f < 4; f++)
         for (int g = 0; g < f; g++) {
-            double angle = 57.29577951308232 * acos(-(normal[f][0] * normal[g][0] + normal[f][1] * normal[g][1] +
-                                                      normal[f][2] * normal[g][2]));
+            double angle =
+                57.29577951308232 *
+                acos(-(normal[f][0] * normal[g][0] + normal[f][1] * normal[g][1] + normal[f][2] * normal[g][2]));
             *low = angle < *low ? angle : *low;
             *high = angle > *high ? angle : *high;
         }
@@ -405,7 +404,8 @@ static void programs_look(programs *p, sb_vec3 X, int deep)
     sb_real worst;
     amount now = body_amount(p->body);
     double volume = now.volume / p->first_volume - 1;
-    double mass = (double)sb_body_mass(p->body) / now.mass - 1; /* of several densities it goes with the regions' volumes */
+    double mass =
+        (double)sb_body_mass(p->body) / now.mass - 1; /* of several densities it goes with the regions' volumes */
     p->drift = fmax(p->drift, fmax(fabs(volume), fabs(mass)));
     ndl_remesh_quality(p->remesh, &worst, NULL, NULL);
     p->worst_at_all = fmin(p->worst_at_all, (double)worst);
@@ -510,8 +510,8 @@ static void check_programs(sb_mesh mesh, double edge, int count, double ratio)
             printf("%d tets, quality %.3f, deep %.3f (%.2f), ever %.3f, angles of changed tets %.1f to %.1f, "
                    "drift %.1e, "
                    "%d operations, %.2f nodes smoothed in each\n",
-                   mesh.element_count, p.first_quality, p.worst, p.worst / p.first_quality, p.worst_at_all,
-                   p.low, p.high, p.drift, p.operations, (double)p.smoothed / p.operations);
+                   mesh.element_count, p.first_quality, p.worst, p.worst / p.first_quality, p.worst_at_all, p.low,
+                   p.high, p.drift, p.operations, (double)p.smoothed / p.operations);
         programs_end(&p);
     }
 }
@@ -736,7 +736,8 @@ static void test_find(void)
     unsigned long long seed = 9;
     if (scene_begin(&s, 1, NULL, 0.1)) {
         sb_vec3 found = sb_v3(1, 2, 3);
-        CHECK_INT(ndl_remesh_material_point(s.remesh, 0, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), &found), 0); /* not in */
+        CHECK_INT(ndl_remesh_material_point(s.remesh, 0, sb_v3(REAL(0.02), REAL(0.02), REAL(0.02)), &found),
+                  0); /* not in */
         CHECK(found.x == 1 && found.y == 2 && found.z == 3);
         for (int i = 0; i < 200 && (i > 0 || enter_at(&s, 0, 0.45, 0.55, NULL)); i++) {
             sb_vec3 X = sb_v3(REAL(check_random_in(&seed, -0.005, 0.065)), REAL(check_random_in(&seed, 0, 0.05)),
@@ -946,14 +947,14 @@ static int play_with_failure(int fail_at, scene_memory *memory)
     def.allocator = allocator;
     if (ndl_remesh_create(&def, &remesh, NULL) != SB_OK)
         CHECK_OK(ndl_remesh_create(&def, &remesh, NULL));
-    if (CHECK(body && remesh && ndl_remesh_hit(remesh, sb_v3(REAL(0.016), REAL(0.014), 1),
-                                               sb_v3(REAL(0.016), REAL(0.014), 0), &hit)))
+    if (CHECK(body && remesh &&
+              ndl_remesh_hit(remesh, sb_v3(REAL(0.016), REAL(0.014), 1), sb_v3(REAL(0.016), REAL(0.014), 0), &hit)))
         for (int i = 0; i < 20; i++) {
             unsigned long long hash = state_hash(body);
             sb_vec3 X = sb_v3_add(hit.X, sb_v3(0, REAL(0.0001 * i), REAL(-0.001 * i)));
             ndl_remesh_info info;
-            sb_result result = i ? ndl_remesh_penetrate(remesh, 0, X, &info, NULL)
-                                 : ndl_remesh_puncture(remesh, 0, &hit, &info, NULL);
+            sb_result result =
+                i ? ndl_remesh_penetrate(remesh, 0, X, &info, NULL) : ndl_remesh_puncture(remesh, 0, &hit, &info, NULL);
             if (result == SB_OK)
                 continue;
             CHECK_RESULT(result, SB_ERROR_MEMORY);
@@ -1005,9 +1006,8 @@ static void test_no_allocation(void)
 CHECK_SUITE(remesh, {"programs in a lattice", test_lattice}, {"programs in a shaken lattice", test_shaken},
             {"programs in a beam", test_beam}, {"programs in a stuffed block", test_stuffed},
             {"programs in two regions", test_two_regions}, {"programs in the phantom", test_phantom},
-            {"linear fields stay linear", test_linear_fields},
-            {"momentum is kept", test_momentum}, {"Euler characteristic", test_euler},
-            {"same operations at any scale", test_scale}, {"walk to a point", test_find},
-            {"substeps", test_limit}, {"two needles", test_two_needles}, {"a shared element", test_shared_element},
-            {"a tip outside", test_outside}, {"arguments", test_arguments}, {"allocations that fail", test_memory},
-            {"no allocation once slack has grown", test_no_allocation});
+            {"linear fields stay linear", test_linear_fields}, {"momentum is kept", test_momentum},
+            {"Euler characteristic", test_euler}, {"same operations at any scale", test_scale},
+            {"walk to a point", test_find}, {"substeps", test_limit}, {"two needles", test_two_needles},
+            {"a shared element", test_shared_element}, {"a tip outside", test_outside}, {"arguments", test_arguments},
+            {"allocations that fail", test_memory}, {"no allocation once slack has grown", test_no_allocation});

@@ -5,13 +5,14 @@
 
 #define REAL(x) ((sb_real)(x))
 
-static const sb_vec3 cloud[6] = {{REAL(0.1), 0, 0},         {0, REAL(0.2), 0},           {0, 0, REAL(0.3)},
+static const sb_vec3 cloud[6] = {{REAL(0.1), 0, 0},           {0, REAL(0.2), 0},           {0, 0, REAL(0.3)},
                                  {REAL(-0.1), REAL(0.05), 0}, {REAL(0.07), REAL(0.1), -1}, {0, 0, 0}};
 
 static reg_rigid some_motion(double angle)
 {
     reg_rigid motion;
-    motion.rotation = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(REAL(0.48 * angle), REAL(-0.6 * angle), REAL(0.64 * angle))));
+    motion.rotation = sb_quat_to_mat3(
+        sb_quat_from_rotation_vector(sb_v3(REAL(0.48 * angle), REAL(-0.6 * angle), REAL(0.64 * angle))));
     motion.translation = sb_v3(REAL(0.3), -2, REAL(0.01));
     return motion;
 }
@@ -85,5 +86,5 @@ static void test_refusals(void)
     CHECK(memcmp(&found, &before, sizeof found) == 0);
 }
 
-CHECK_SUITE(rigid, {"compositions and angles", test_compose}, {"fits", test_fit},
-            {"degenerate fits", test_degenerate}, {"refusals", test_refusals});
+CHECK_SUITE(rigid, {"compositions and angles", test_compose}, {"fits", test_fit}, {"degenerate fits", test_degenerate},
+            {"refusals", test_refusals});

@@ -48,9 +48,9 @@ static ndl_rod *shaken_rod(int anisotropic, int curved, int n, sb_vec3 *nodes)
     stiffness.line_density = 1;
     straight_nodes(nodes, n, 0.1 * (n - 1), sb_v3(1, REAL(0.3), REAL(-0.2)));
     for (int i = 0; i < n; i++) {
-        nodes[i] = sb_v3_add(nodes[i], sb_v3(REAL(check_random_in(&seed, -0.03, 0.03)),
-                                             REAL(check_random_in(&seed, -0.03, 0.03)),
-                                             REAL(check_random_in(&seed, -0.03, 0.03))));
+        nodes[i] = sb_v3_add(nodes[i],
+                             sb_v3(REAL(check_random_in(&seed, -0.03, 0.03)), REAL(check_random_in(&seed, -0.03, 0.03)),
+                                   REAL(check_random_in(&seed, -0.03, 0.03))));
         curvature[2 * i] = REAL(check_random_in(&seed, -4, 4));
         curvature[2 * i + 1] = REAL(check_random_in(&seed, -4, 4));
     }
@@ -247,8 +247,8 @@ static void test_free_tip_turns(void)
             CHECK_OK(ndl_rod_step(rod, REAL(0.01), NULL));
         }
         ndl_rod_tip(rod, NULL, &after);
-        angle = atan2((double)sb_v3_dot(sb_v3_cross(before.m1, after.m1), after.t),
-                      (double)sb_v3_dot(before.m1, after.m1));
+        angle =
+            atan2((double)sb_v3_dot(sb_v3_cross(before.m1, after.m1), after.t), (double)sb_v3_dot(before.m1, after.m1));
         CHECK_NEAR(angle, 1, scene_tolerance(1e-6, 1e3));
         CHECK_NEAR((double)ndl_rod_energies(rod).twist / (elastic(rod) + 1e-12), 0, 1e-9);
         for (int i = 1; i < 13; i++)
@@ -555,8 +555,8 @@ static void test_sleeve(void)
     ndl_rod_tip(rod, &tip, &frame);
     CHECK_NEAR(norm(sb_v3_sub(tip, sb_v3_madd(sb_v3(REAL(0.2), 0, 0), REAL(0.22), t))), 0, scene_tolerance(1e-9, 10));
     CHECK_NEAR(norm(sb_v3_sub(frame.m1, d)), 0, scene_tolerance(1e-8, 10));
-    CHECK_OK(ndl_rod_hold_base(at_once, sb_v3(REAL(0.2), 0, 0), t, d, NULL,
-                               NULL)); /* a static solve goes there in pieces */
+    CHECK_OK(
+        ndl_rod_hold_base(at_once, sb_v3(REAL(0.2), 0, 0), t, d, NULL, NULL)); /* a static solve goes there in pieces */
     CHECK_OK(ndl_rod_solve_static(at_once, NULL, NULL));
     ndl_rod_tip(at_once, &tip, &frame);
     CHECK_NEAR(norm(sb_v3_sub(tip, ndl_rod_positions(rod)[11])), 0, scene_tolerance(1e-9, 10));
@@ -833,8 +833,10 @@ static void test_bad_defs(void)
         case 18: def.section.young = nan; break;
         case 19: stiffness.twist = 0, def.stiffness = &stiffness; break;
         case 20: def.rest = NDL_REST_CURVATURE, def.rest_curvature = curvature, node = 2; break;
-        default: def.rest = NDL_REST_CURVATURE, def.rest_curvature = curvature, curvature[4] = nan;
-            expected = SB_ERROR_NOT_FINITE, node = 2; break;
+        default:
+            def.rest = NDL_REST_CURVATURE, def.rest_curvature = curvature, curvature[4] = nan;
+            expected = SB_ERROR_NOT_FINITE, node = 2;
+            break;
         }
         if (!CHECK_RESULT(ndl_rod_create(&def, &rod, &error), expected))
             printf("kind %d\n", kind);
@@ -970,24 +972,13 @@ static void test_violence(void)
 
 CHECK_SUITE(rod, {"forces are the energy's gradient", test_gradients},
             {"small deflection (Euler-Bernoulli)", test_small_deflection},
-            {"large deflection (elastica)", test_elastica},
-            {"a twisted rod buckles (Greenhill)", test_greenhill},
-            {"beyond buckling", test_post_buckling},
-            {"a free tip turns with the base", test_free_tip_turns},
-            {"torsion; a quarter circle", test_torsion},
-            {"first frequency of a cantilever", test_frequency},
-            {"momentum of a free rod", test_momentum},
-            {"no step gains energy", test_energy},
-            {"one linear system a step", test_linearised},
-            {"a pre-bent rod comes to rest", test_prebent_rests},
-            {"reactions", test_reactions},
-            {"a sleeve moves the base", test_sleeve},
-            {"the same at every scale", test_scales},
-            {"split and merge", test_split_and_merge},
-            {"feed through a sleeve", test_feed},
-            {"failures are undone", test_undo},
-            {"every allocation fails", test_memory},
-            {"bad defs", test_bad_defs},
-            {"bad calls", test_bad_calls},
-            {"golden", test_golden},
-            {"violence", test_violence});
+            {"large deflection (elastica)", test_elastica}, {"a twisted rod buckles (Greenhill)", test_greenhill},
+            {"beyond buckling", test_post_buckling}, {"a free tip turns with the base", test_free_tip_turns},
+            {"torsion; a quarter circle", test_torsion}, {"first frequency of a cantilever", test_frequency},
+            {"momentum of a free rod", test_momentum}, {"no step gains energy", test_energy},
+            {"one linear system a step", test_linearised}, {"a pre-bent rod comes to rest", test_prebent_rests},
+            {"reactions", test_reactions}, {"a sleeve moves the base", test_sleeve},
+            {"the same at every scale", test_scales}, {"split and merge", test_split_and_merge},
+            {"feed through a sleeve", test_feed}, {"failures are undone", test_undo},
+            {"every allocation fails", test_memory}, {"bad defs", test_bad_defs}, {"bad calls", test_bad_calls},
+            {"golden", test_golden}, {"violence", test_violence});

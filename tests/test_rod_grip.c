@@ -63,8 +63,8 @@ static void test_elastic(void)
             double s = (j - 0.5) * length / edges;
             double expected = angle * cosh((length - s) / lam) / cosh(length / lam);
             worst = fmax(worst, fabs(turned_from(rod, j, &first) - expected) / angle);
-            CHECK_NEAR((double)ndl_rod_grip_torque(rod, j),
-                       -k * length / edges * turned_from(rod, j, &first), scene_tolerance(1e-12, 1e3));
+            CHECK_NEAR((double)ndl_rod_grip_torque(rod, j), -k * length / edges * turned_from(rod, j, &first),
+                       scene_tolerance(1e-12, 1e3));
         }
         CHECK_NEAR((double)ndl_rod_reaction_torque(rod, 0) / torque, 1, edges == 64 ? 5e-4 : 1e-2);
         if (previous != 0 && !SB_REAL_IS_FLOAT)
@@ -140,8 +140,8 @@ static void test_hysteresis(void)
     }
     CHECK_NEAR((work - slipped - (stored(rod) - first_stored)) / work, 0, 2e-3); /* trapezia of the work */
     CHECK(slipped > 0.5 * work);
-    CHECK_NEAR(torques[5 * quarter] / torques[quarter], 1, 1e-3);      /* the loop closes */
-    CHECK_NEAR(torques[3 * quarter] / torques[quarter], -1, 1e-3);     /* and is symmetric */
+    CHECK_NEAR(torques[5 * quarter] / torques[quarter], 1, 1e-3);  /* the loop closes */
+    CHECK_NEAR(torques[3 * quarter] / torques[quarter], -1, 1e-3); /* and is symmetric */
     for (int step = 1; step <= quarter / 2; step++) /* Masing: turned back it is the first branch at twice the scale */
         CHECK_NEAR((torques[quarter] - torques[quarter + 2 * step]) / (2 * torques[step]), 1, 0.01);
     ndl_rod_destroy(rod);
@@ -408,8 +408,8 @@ static void test_violence(void)
         double limits[MOST];
         for (int j = 1; j < n - 1; j++) {
             limits[j] = check_random_in(&seed, 0, 2e-3);
-            CHECK_OK(ndl_rod_set_grip(rod, j, REAL(s % 3 && j == edge ? 0 : check_random_in(&seed, 0, 1)),
-                                      REAL(limits[j])));
+            CHECK_OK(
+                ndl_rod_set_grip(rod, j, REAL(s % 3 && j == edge ? 0 : check_random_in(&seed, 0, 1)), REAL(limits[j])));
         }
         CHECK_OK(ndl_rod_set_force(rod, n - 1, sb_v3(0, REAL(check_random_in(&seed, -1, 1)), 0)));
         CHECK_OK(ndl_rod_turn(rod, 0, REAL(check_random_in(&seed, -0.3, 0.3))));
@@ -456,14 +456,9 @@ static void test_refusals(void)
     ndl_rod_destroy(rod);
 }
 
-CHECK_SUITE(rod_grip, {"springs: cosh along the rod", test_elastic},
-            {"friction: when the tip starts", test_friction},
+CHECK_SUITE(rod_grip, {"springs: cosh along the rod", test_elastic}, {"friction: when the tip starts", test_friction},
             {"to and fro: a closed loop, all work accounted for", test_hysteresis},
-            {"in one go or in pieces", test_increments},
-            {"forces of a bent rod", test_bent},
-            {"a rod that only its grip holds", test_free_rod},
-            {"changes of grip", test_changes},
-            {"carried to other nodes", test_carried},
-            {"failures are undone", test_undo},
-            {"violence", test_violence},
+            {"in one go or in pieces", test_increments}, {"forces of a bent rod", test_bent},
+            {"a rod that only its grip holds", test_free_rod}, {"changes of grip", test_changes},
+            {"carried to other nodes", test_carried}, {"failures are undone", test_undo}, {"violence", test_violence},
             {"refusals", test_refusals});

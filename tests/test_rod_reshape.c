@@ -258,8 +258,8 @@ static void test_motion(void)
         sb_vec3 velocities[40], nodes[40];
         double before[3], after[3], size = 0;
         for (int i = 0; i < 20; i++)
-            velocities[i] = i < 2 && clamped ? sb_v3(0, 0, 0)
-                                             : sb_v3(1, REAL(check_random_in(&seed, -1, 1)), REAL(0.1 * i));
+            velocities[i] =
+                i < 2 && clamped ? sb_v3(0, 0, 0) : sb_v3(1, REAL(check_random_in(&seed, -1, 1)), REAL(0.1 * i));
         CHECK_OK(ndl_rod_set_velocities(rod, velocities));
         momentum(rod, before);
         for (int i = 0; i < 31; i++) {
@@ -417,10 +417,6 @@ static void test_scales(void)
 
 CHECK_SUITE(rod_reshape, {"its own nodes change nothing", test_identity},
             {"arcs keep radius, rest curvature and length", test_arcs},
-            {"a rest curvature out of a clamp", test_curvature},
-            {"errors fall with the edges", test_convergence},
-            {"momentum, and what was uniform", test_motion},
-            {"lengths stay above 0", test_monotone},
-            {"supports", test_supports},
-            {"refusals", test_refusals},
-            {"the same at every scale", test_scales});
+            {"a rest curvature out of a clamp", test_curvature}, {"errors fall with the edges", test_convergence},
+            {"momentum, and what was uniform", test_motion}, {"lengths stay above 0", test_monotone},
+            {"supports", test_supports}, {"refusals", test_refusals}, {"the same at every scale", test_scales});

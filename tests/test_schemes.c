@@ -20,10 +20,10 @@ typedef struct play {
     sb_mesh mesh;
     sb_body *body;
     kind what;
-    int tip, second;          /* nodes at the free end */
-    int load;                 /* id of springs, mapping or pressure; 0: none */
-    int link;                 /* number of the constraint that keeps its gap, -1: none */
-    sb_vec3 home[2];          /* points of springs, targets of rows */
+    int tip, second; /* nodes at the free end */
+    int load;        /* id of springs, mapping or pressure; 0: none */
+    int link;        /* number of the constraint that keeps its gap, -1: none */
+    sb_vec3 home[2]; /* points of springs, targets of rows */
 } play;
 
 static sb_constraint_term term(int node, int axis, double coefficient)
@@ -65,15 +65,13 @@ static int plane_faces(const sb_mesh *mesh, int last, int axis, double value, in
     return count;
 }
 
-static int corners_of(const sb_mesh *mesh)
-{
-    return sb_element_straight(mesh->element_type) == SB_HEX8 ? 4 : 3;
-}
+static int corners_of(const sb_mesh *mesh) { return sb_element_straight(mesh->element_type) == SB_HEX8 ? 4 : 3; }
 
 /* 8 x 4 x 4 cm: a bar, or two blocks that meet at x = 4 cm, the second finer or (same 1) with the same grid. */
 static sb_mesh bar(sb_element_type type, int tied, int same)
 {
-    sb_mesh mesh = scene_box(type, tied ? 1 : 2, 1, 1, sb_v3(REAL(tied ? 0.04 : 0.08), REAL(0.04), REAL(0.04)), 0), second;
+    sb_mesh mesh = scene_box(type, tied ? 1 : 2, 1, 1, sb_v3(REAL(tied ? 0.04 : 0.08), REAL(0.04), REAL(0.04)), 0),
+            second;
     if (!tied)
         return mesh;
     second = scene_box(type, 1, same ? 1 : 2, 1, sb_v3(REAL(0.04), REAL(0.04), REAL(0.04)), 0);
@@ -92,7 +90,8 @@ static void tie_bar(sb_body *body, const sb_mesh *mesh, int split)
         if (fabs((double)mesh->nodes[i].x - 0.04) < 1e-6)
             slaves[count++] = i;
     memset(&report, 0, sizeof report);
-    CHECK_OK(sb_body_tie_faces(body, faces, face_count, corners_of(mesh), slaves, count, -1, SB_TIE_ALL, &report, NULL));
+    CHECK_OK(
+        sb_body_tie_faces(body, faces, face_count, corners_of(mesh), slaves, count, -1, SB_TIE_ALL, &report, NULL));
     CHECK_INT(report.tied_count, count);
 }
 
@@ -147,7 +146,8 @@ static void equip(play *p, int split)
 }
 
 /* A clamped bar of neo-Hookean (or the given) material, all of whose steps are as exact as sb_real allows. */
-static play begin(kind what, sb_integrator integrator, const sb_material *material, sb_jobs jobs, sb_allocator *allocator)
+static play begin(kind what, sb_integrator integrator, const sb_material *material, sb_jobs jobs,
+                  sb_allocator *allocator)
 {
     sb_body_def def = sb_default_body_def();
     play p;
@@ -156,7 +156,8 @@ static play begin(kind what, sb_integrator integrator, const sb_material *materi
     p.link = -1;
     p.mesh = bar(what == QUADRATIC ? SB_HEX20 : SB_HEX8, what == TIE, 0);
     def.mesh = &p.mesh;
-    def.material = material ? *material : sb_material_neo_hookean(REAL(5e3), REAL(what == BBAR ? 0.45 : 0.3), REAL(1000));
+    def.material =
+        material ? *material : sb_material_neo_hookean(REAL(5e3), REAL(what == BBAR ? 0.45 : 0.3), REAL(1000));
     if (what == PRONY)
         def.material = prony_material(def.material);
     if (what == BBAR)
@@ -278,7 +279,8 @@ static void oscillate(sb_integrator integrator, double omega, double h, double s
         state[2] = -w * state[0];
         state[1] = v + h / 2 * (a + state[2]);
     } else {
-        double am = integrator == SB_NEWMARK ? 0 : (2 * rho - 1) / (rho + 1), af = integrator == SB_NEWMARK ? 0 : rho / (rho + 1);
+        double am = integrator == SB_NEWMARK ? 0 : (2 * rho - 1) / (rho + 1),
+               af = integrator == SB_NEWMARK ? 0 : rho / (rho + 1);
         double gamma = 0.5 - am + af, beta = (1 - am + af) * (1 - am + af) / 4;
         double guess = u + h * v + h * h * (0.5 - beta) * a; /* u' = guess + h^2 beta a' */
         state[2] = -(am * a + w * (1 - af) * guess + w * af * u) / (1 - am + w * (1 - af) * h * h * beta);
@@ -473,7 +475,8 @@ static void test_moving_constraints(void)
         link[0] = term(p.tip, 2, 1);
         link[1] = term(p.second, 2, -0.5);
         link[2] = term(held, 2, -0.25);
-        CHECK_OK(sb_body_add_constraint(p.body, link, 3, REAL(0.001), &other, NULL)); /* open: closes in the first step */
+        CHECK_OK(
+            sb_body_add_constraint(p.body, link, 3, REAL(0.001), &other, NULL)); /* open: closes in the first step */
         for (int n = 1; n <= 12; n++) {
             sb_vec3 target = sb_v3(0, 0, REAL(0.0004 * n)), u, v;
             sb_real force = 0;
@@ -606,17 +609,20 @@ static void test_no_allocation(void)
 /* Dragged about for 300 steps, then let go: it comes back to rest. */
 static void violent(kind what, sb_integrator integrator)
 {
-    sb_material material = integrator % 2 && what != PRONY ? sb_material_corotated_invertible(REAL(5e3), REAL(0.35), REAL(1000))
-                                          : sb_material_stable_neo_hookean(REAL(5e3), REAL(0.35), REAL(1000));
+    sb_material material = integrator % 2 && what != PRONY
+                               ? sb_material_corotated_invertible(REAL(5e3), REAL(0.35), REAL(1000))
+                               : sb_material_stable_neo_hookean(REAL(5e3), REAL(0.35), REAL(1000));
     play p = begin(what, integrator, &material, no_jobs(), NULL);
     unsigned long long seed = 99;
     int failed = 0, drag = nearest_node(&p.mesh, 0.08, 0.04, 0);
     double last = 0;
     CHECK_OK(sb_body_set_gravity(p.body, sb_v3(0, 0, 0)));
-    CHECK_OK(sb_body_set_damping(p.body, 20, integrator == SB_CENTRAL_DIFFERENCE ? 0 : REAL(0.01))); /* in Newmark's favour */
+    CHECK_OK(sb_body_set_damping(p.body, 20,
+                                 integrator == SB_CENTRAL_DIFFERENCE ? 0 : REAL(0.01))); /* in Newmark's favour */
     CHECK_OK(sb_body_set_solver(p.body, REAL(1e-4), 200));
     for (int s = 0; s < 300; s++) {
-        sb_vec3 pull = sb_v3(REAL(0.03 * sin(0.13 * s)), REAL(0.03 * cos(0.29 * s)), REAL(0.03 * sin(0.41 * s))), points[2];
+        sb_vec3 pull = sb_v3(REAL(0.03 * sin(0.13 * s)), REAL(0.03 * cos(0.29 * s)), REAL(0.03 * sin(0.41 * s))),
+                points[2];
         points[0] = sb_v3_add(p.home[0], pull);
         points[1] = sb_v3_sub(p.home[1], pull);
         if (what == SPRINGS)

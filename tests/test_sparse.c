@@ -217,8 +217,7 @@ static void check_product(sb_matrix *a)
     int n = 3 * a->row_count;
     unsigned long long seed = 3;
     double *dense;
-    sb_real *x = (sb_real *)malloc(sizeof(sb_real) * (size_t)n),
-            *y = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
+    sb_real *x = (sb_real *)malloc(sizeof(sb_real) * (size_t)n), *y = (sb_real *)malloc(sizeof(sb_real) * (size_t)n);
     fill_random(a, 11);
     dense = dense_of(a);
     for (int i = 0; i < n; i++)
@@ -366,8 +365,7 @@ static void test_constrain_extremes(void)
     static const int tet[4] = {0, 1, 2, 3};
     static const unsigned char none[4] = {0, 0, 0, 0}, all[4] = {7, 7, 7, 7}, high[4] = {0xf8, 0, 0, 0};
     sb_matrix a = make(4, 1, 4, tet);
-    sb_real rhs[12] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12},
-            values[12] = {3, 1, 4, 1, 5, 9, 2, 6, 5, 3, 5, 8};
+    sb_real rhs[12] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}, values[12] = {3, 1, 4, 1, 5, 9, 2, 6, 5, 3, 5, 8};
     CHECK(sb_matrix_diagonal_scale(&a, NULL) == 1); /* all zero */
     fill_random(&a, 1);
     double *before = dense_of(&a), *after;
@@ -391,8 +389,8 @@ static void test_constrain_extremes(void)
 
 /* ---- failures ---- */
 
-static void check_refused(sb_result expected, int element, int nodes, int cells, int per_cell,
-                          const int *start, const int *list)
+static void check_refused(sb_result expected, int element, int nodes, int cells, int per_cell, const int *start,
+                          const int *list)
 {
     sb_matrix a, untouched;
     sb_error error;
@@ -448,11 +446,8 @@ static void test_failing_memory(void)
 }
 
 CHECK_SUITE(sparse, {"pattern of two tetrahedra", test_pattern_of_two_tets},
-            {"pattern of a grid", test_pattern_of_grid},
-            {"lists equal fixed cells", test_lists_equal_fixed_cells},
-            {"lists of any length", test_lists_of_any_length},
-            {"product equals dense", test_product_equals_dense},
+            {"pattern of a grid", test_pattern_of_grid}, {"lists equal fixed cells", test_lists_equal_fixed_cells},
+            {"lists of any length", test_lists_of_any_length}, {"product equals dense", test_product_equals_dense},
             {"product on threads", test_product_on_threads}, {"asymmetry and clear", test_asymmetry},
-            {"constrained equals reduced", test_constrain},
-            {"none or all constrained", test_constrain_extremes}, {"bad input", test_bad_input},
-            {"failing memory", test_failing_memory});
+            {"constrained equals reduced", test_constrain}, {"none or all constrained", test_constrain_extremes},
+            {"bad input", test_bad_input}, {"failing memory", test_failing_memory});

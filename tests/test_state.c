@@ -483,8 +483,8 @@ static void test_forged_bytes(void)
 /* Changes part of a mesh or def; the state of the first body is then refused by the second. */
 static void test_other_bodies(void)
 {
-    static const char *const parts[] = {"nodes", "mesh", "single_rotation", "kind of mass", "regions", "points",
-                                        "preconditioner"};
+    static const char *const parts[] = {"nodes",   "mesh",   "single_rotation", "kind of mass",
+                                        "regions", "points", "preconditioner"};
     const variant *v = variants + 4;
     sb_mesh mesh = make_mesh(v->type), longer = scene_box(SB_TET10, 5, 1, 1, sb_v3(1, 1, 1), 0);
     sb_body *body = make_plain_body(v, &mesh);
@@ -704,8 +704,7 @@ static void test_golden_layout(void)
 
 CHECK_SUITE(state, {"continues to the same bits", test_continue}, {"saved at every moment", test_every_moment},
             {"material switch", test_material_switch}, {"static solves go on", test_static_goes_on},
-            {"failures leave no trace", test_failures_leave_no_trace},
-            {"damaged states", test_damage}, {"forged values", test_forged_values},
-            {"forged bytes", test_forged_bytes}, {"states of other bodies", test_other_bodies},
-            {"arguments", test_arguments}, {"files", test_files}, {"memory", test_memory},
-            {"layout", test_golden_layout});
+            {"failures leave no trace", test_failures_leave_no_trace}, {"damaged states", test_damage},
+            {"forged values", test_forged_values}, {"forged bytes", test_forged_bytes},
+            {"states of other bodies", test_other_bodies}, {"arguments", test_arguments}, {"files", test_files},
+            {"memory", test_memory}, {"layout", test_golden_layout});

@@ -1,4 +1,5 @@
-/* Tests of state_part: a tally that others keep about a body is saved, loaded, hashed, recorded and replayed with it. */
+/* Tests of state_part: a tally that others keep about a body is saved, loaded, hashed, recorded and replayed with
+ * it. */
 #define SB_STATIC
 #define SB_IMPLEMENTATION
 #include "softbody.h"
@@ -13,8 +14,8 @@ typedef struct tally {
     sb_body *body;
     int count, room;
     double sums[64];
-    int ready;    /* checked, and neither loaded nor given up */
-    int refuses;  /* 1: checks are refused */
+    int ready;       /* checked, and neither loaded nor given up */
+    int refuses;     /* 1: checks are refused */
     sb_result fails; /* of its next steps */
 } tally;
 
@@ -289,7 +290,8 @@ static void test_recording(void)
     bytes = (unsigned char *)malloc(info.bytes);
     CHECK_OK(sb_recording_save(recording, bytes, info.bytes));
     if (CHECK_OK(sb_recording_load(bytes, info.bytes, NULL, &loaded, &error))) {
-        CHECK_RESULT(sb_recording_replay(loaded, b, &report), SB_ERROR_STATE); /* its fifth step does not fail by itself */
+        CHECK_RESULT(sb_recording_replay(loaded, b, &report),
+                     SB_ERROR_STATE); /* its fifth step does not fail by itself */
         CHECK_INT(report.step, 8);
         CHECK_RESULT(report.expected, SB_ERROR_DIVERGED);
         sbi_body_leave(b, "tally");

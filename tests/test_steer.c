@@ -50,8 +50,8 @@ static double distance(sb_vec3 a, sb_vec3 b) { return (double)sb_v3_norm(sb_v3_s
 
 static double pose_distance(const ndl_tip_pose *a, const ndl_tip_pose *b, double size)
 {
-    double frames = distance(a->frame.m1, b->frame.m1) + distance(a->frame.m2, b->frame.m2) +
-                    distance(a->frame.t, b->frame.t);
+    double frames =
+        distance(a->frame.m1, b->frame.m1) + distance(a->frame.m2, b->frame.m2) + distance(a->frame.t, b->frame.t);
     return distance(a->position, b->position) / size + frames;
 }
 
@@ -108,8 +108,8 @@ static void test_helix_shape(void)
         double radius = (double)ndl_helix_radius(REAL(k), REAL(w)), pitch = (double)ndl_helix_pitch(REAL(k), REAL(w));
         ndl_tip_pose start = random_pose(&seed, 0.1), turned;
         /* the axis runs along (-k, 0, w)/W and lies a radius towards m2 */
-        sb_vec3 axis = sb_v3_scale(REAL(1 / rate), sb_v3_sub(sb_v3_scale(REAL(w), start.frame.t),
-                                                             sb_v3_scale(REAL(k), start.frame.m1)));
+        sb_vec3 axis = sb_v3_scale(
+            REAL(1 / rate), sb_v3_sub(sb_v3_scale(REAL(w), start.frame.t), sb_v3_scale(REAL(k), start.frame.m1)));
         sb_vec3 on = sb_v3_madd(start.position, REAL(radius), start.frame.m2);
         CHECK_NEAR(radius * rate * rate / k, 1, scene_tolerance(1e-14, 8));
         for (int j = 0; j < 20; j++) {
@@ -348,7 +348,8 @@ static void test_plan_reachable(void)
         sb_vec3 target;
         turned = ndl_tip_turn(&tip, REAL(check_random_in(&seed, -3.1, 3.1)));
         target = ndl_helix_pose(&turned, 10, REAL(check_random_in(&seed, -490, 490)),
-                                REAL(check_random_in(&seed, 0.005, 0.14))).position;
+                                REAL(check_random_in(&seed, 0.005, 0.14)))
+                     .position;
         CHECK_OK(ndl_plan_make(&def, &tip, target, &plan, NULL));
         CHECK_INT(plan.outcome, NDL_PLAN_REACHES);
         CHECK_INT(plan.piece_count, 1);
@@ -531,10 +532,10 @@ static double plan_room(const ndl_plan *plan, const ndl_plan_def *def, const ndl
 
 static sb_mesh icosahedron(void)
 {
-    static const int faces[20][3] = {{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9},
-                                     {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8}, {3, 9, 4}, {3, 4, 2},
-                                     {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5}, {2, 4, 11}, {6, 2, 10},
-                                     {8, 6, 7}, {9, 8, 1}};
+    static const int faces[20][3] = {{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11},
+                                     {1, 5, 9},  {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
+                                     {3, 9, 4},  {3, 4, 2},  {3, 2, 6},   {3, 6, 8},  {3, 8, 9},
+                                     {4, 9, 5},  {2, 4, 11}, {6, 2, 10},  {8, 6, 7},  {9, 8, 1}};
     static const double nodes[12][3] = {{-1, 1.618, 0}, {1, 1.618, 0}, {-1, -1.618, 0}, {1, -1.618, 0},
                                         {0, -1, 1.618}, {0, 1, 1.618}, {0, -1, -1.618}, {0, 1, -1.618},
                                         {1.618, 0, -1}, {1.618, 0, 1}, {-1.618, 0, -1}, {-1.618, 0, 1}};
@@ -645,13 +646,13 @@ static void test_plan_failures(void)
     memset(&plan, 3, sizeof plan);
     before = plan;
     memset(&shape, 0, sizeof shape);
-#define REFUSED(change, expected)                                                                               \
-    do {                                                                                                        \
-        def = good;                                                                                             \
-        change;                                                                                                 \
-        CHECK_RESULT(ndl_plan_make(&def, &tip, target, &plan, &error), expected);                               \
-        CHECK(error.result == expected && error.message[0]);                                                    \
-        CHECK(memcmp(&plan, &before, sizeof plan) == 0);                                                        \
+#define REFUSED(change, expected)                                                                                      \
+    do {                                                                                                               \
+        def = good;                                                                                                    \
+        change;                                                                                                        \
+        CHECK_RESULT(ndl_plan_make(&def, &tip, target, &plan, &error), expected);                                      \
+        CHECK(error.result == expected && error.message[0]);                                                           \
+        CHECK(memcmp(&plan, &before, sizeof plan) == 0);                                                               \
     } while (0)
     REFUSED(def.cookie = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.curvature = 0, SB_ERROR_ARGUMENT);
@@ -694,10 +695,10 @@ static void test_plan_failures(void)
 typedef struct insertion {
     ndl_tip_pose tip;
     unsigned long long seed;
-    double scale, curvature;      /* true */
-    double play, follow;          /* rad; share of what is left that it follows per update */
+    double scale, curvature; /* true */
+    double play, follow;     /* rad; share of what is left that it follows per update */
     double position_noise, angle_noise, roll_noise, disturbance;
-    double base, drive;           /* rad; what is left of `drive` beyond roll */
+    double base, drive; /* rad; what is left of `drive` beyond roll */
     double roll;
     unsigned long long hash;
 } insertion;
@@ -733,7 +734,7 @@ static void insertion_move(insertion *in, const ndl_steer_command *command)
 {
     double turned, length = (double)command->insertion, bend = in->curvature * (1 + 0.05 * gauss(&in->seed));
     in->base += (double)command->turn;
-    in->drive = in->base - in->drive > in->play    ? in->base - in->play
+    in->drive = in->base - in->drive > in->play   ? in->base - in->play
                 : in->drive - in->base > in->play ? in->base + in->play
                                                   : in->drive;
     turned = in->follow * (in->drive - in->roll);
@@ -787,8 +788,8 @@ static int count_hits(double scale, double play, double follow, double *worst)
         double curvature = 10 / scale, miss;
         ndl_steer_def def = ndl_default_steer_def(REAL(curvature), REAL(0.16 * scale));
         sb_vec3 target = reachable_target(&seed, curvature, scale);
-        insertion in = make_insertion(1000 + (unsigned long long)i, scale,
-                                      curvature * (1 + check_random_in(&seed, -0.1, 0.1)));
+        insertion in =
+            make_insertion(1000 + (unsigned long long)i, scale, curvature * (1 + check_random_in(&seed, -0.1, 0.1)));
         ndl_steer_status status = NDL_STEER_GOING;
         ndl_steer steer;
         in.play = play;
@@ -1045,13 +1046,13 @@ static void test_steer_failures(void)
     sb_error error;
     memset(&steer, 3, sizeof steer);
     before = steer;
-#define REFUSED(change)                                                                                         \
-    do {                                                                                                        \
-        def = good;                                                                                             \
-        change;                                                                                                 \
-        CHECK_RESULT(ndl_steer_begin(&def, &steer, &error), SB_ERROR_ARGUMENT);                                 \
-        CHECK(error.result == SB_ERROR_ARGUMENT && error.message[0]);                                           \
-        CHECK(memcmp(&steer, &before, sizeof steer) == 0);                                                      \
+#define REFUSED(change)                                                                                                \
+    do {                                                                                                               \
+        def = good;                                                                                                    \
+        change;                                                                                                        \
+        CHECK_RESULT(ndl_steer_begin(&def, &steer, &error), SB_ERROR_ARGUMENT);                                        \
+        CHECK(error.result == SB_ERROR_ARGUMENT && error.message[0]);                                                  \
+        CHECK(memcmp(&steer, &before, sizeof steer) == 0);                                                             \
     } while (0)
     REFUSED(def.cookie = 0);
     REFUSED(def.plan.cookie = 0);
@@ -1138,11 +1139,10 @@ static void test_push_onto_path(void)
         ndl_push_def def = push_def();
         ndl_push push;
         double overshoot = 0, lag = i < 3 ? 0 : 0.1;
-        sb_mat3 tissue = def.compliance,
-                turned = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(0.5))));
+        sb_mat3 tissue = def.compliance, turned = sb_quat_to_mat3(sb_quat_from_rotation_vector(sb_v3(0, 0, REAL(0.5))));
         if (i % 3 == 1)
             tissue = sb_m3_scale(REAL(1.8), tissue); /* softer, */
-        if (i % 3 == 2) /* or stiffer and turned by half a radian */
+        if (i % 3 == 2)                              /* or stiffer and turned by half a radian */
             tissue = sb_m3_scale(REAL(0.6), sb_m3_mul(turned, tissue));
         CHECK_OK(ndl_push_begin(&def, &push, NULL));
         CHECK(push_run(&push, &tissue, point, lag, 1000, &overshoot) < 1e-5);
@@ -1373,13 +1373,13 @@ static void test_push_failures(void)
     sb_error error;
     memset(&push, 3, sizeof push);
     before = push;
-#define REFUSED(change, expected)                                                                               \
-    do {                                                                                                        \
-        def = good;                                                                                             \
-        change;                                                                                                 \
-        CHECK_RESULT(ndl_push_begin(&def, &push, &error), expected);                                            \
-        CHECK(error.result == expected && error.message[0]);                                                    \
-        CHECK(memcmp(&push, &before, sizeof push) == 0);                                                        \
+#define REFUSED(change, expected)                                                                                      \
+    do {                                                                                                               \
+        def = good;                                                                                                    \
+        change;                                                                                                        \
+        CHECK_RESULT(ndl_push_begin(&def, &push, &error), expected);                                                   \
+        CHECK(error.result == expected && error.message[0]);                                                           \
+        CHECK(memcmp(&push, &before, sizeof push) == 0);                                                               \
     } while (0)
     REFUSED(def.cookie = 0, SB_ERROR_ARGUMENT);
     REFUSED(def.line_direction = sb_v3(0, 0, 0), SB_ERROR_ARGUMENT);
@@ -1412,16 +1412,15 @@ CHECK_SUITE(steer, {"helices have the rates of the model", test_helix_rates},
             {"bevel values", test_bevel_values}, {"bevel failures", test_bevel_failures},
             {"plans against brute force", test_plan_brute_force}, {"plans reach what can be", test_plan_reachable},
             {"plans of any place and size", test_plan_symmetry}, {"plans at their limits", test_plan_extremes},
-            {"work of plans", test_plan_speed},
-            {"distances of obstacles", test_obstacle_distance}, {"plans round obstacles", test_plan_round_obstacles},
-            {"outcomes of plans", test_plan_outcomes}, {"plan failures", test_plan_failures},
-            {"95 of 100 targets", test_steer_hits}, {"steady twist", test_steer_steady_twist},
-            {"tissue that gives way", test_steer_learns}, {"air before the tissue", test_steer_in_air},
-            {"two cylinders", test_steer_obstacles}, {"no waiting for ever", test_steer_goes_on},
-            {"how steering ends", test_steer_ends},
-            {"golden commands", test_steer_golden},
-            {"steering failures", test_steer_failures}, {"pushing onto a path", test_push_onto_path},
-            {"pushing in any unit", test_push_scale}, {"no wind-up", test_push_windup},
-            {"limits of pushing", test_push_limits}, {"pushing is optimal", test_push_optimal},
-            {"pushing out of the way", test_push_out_of_way}, {"where to push", test_push_choice},
-            {"pushing a body", test_push_body}, {"push failures", test_push_failures});
+            {"work of plans", test_plan_speed}, {"distances of obstacles", test_obstacle_distance},
+            {"plans round obstacles", test_plan_round_obstacles}, {"outcomes of plans", test_plan_outcomes},
+            {"plan failures", test_plan_failures}, {"95 of 100 targets", test_steer_hits},
+            {"steady twist", test_steer_steady_twist}, {"tissue that gives way", test_steer_learns},
+            {"air before the tissue", test_steer_in_air}, {"two cylinders", test_steer_obstacles},
+            {"no waiting for ever", test_steer_goes_on}, {"how steering ends", test_steer_ends},
+            {"golden commands", test_steer_golden}, {"steering failures", test_steer_failures},
+            {"pushing onto a path", test_push_onto_path}, {"pushing in any unit", test_push_scale},
+            {"no wind-up", test_push_windup}, {"limits of pushing", test_push_limits},
+            {"pushing is optimal", test_push_optimal}, {"pushing out of the way", test_push_out_of_way},
+            {"where to push", test_push_choice}, {"pushing a body", test_push_body},
+            {"push failures", test_push_failures});

@@ -228,8 +228,7 @@ static void scaled_play(double scale, sb_element_type type, int is_static, sb_ve
     for (int s = 0; s < 20 && !is_static; s++)
         CHECK_OK(sb_body_step(body, REAL(0.01 * sqrt(scale)), NULL));
     for (int i = 0; i < 20; i++)
-        normalised[i] =
-            sb_v3_scale(REAL(1 / (0.1 * scale)), sb_body_displacements(body)[mesh.node_count - 1 - i]);
+        normalised[i] = sb_v3_scale(REAL(1 / (0.1 * scale)), sb_body_displacements(body)[mesh.node_count - 1 - i]);
     sb_body_destroy(body);
     sb_mesh_free(&mesh);
 }
@@ -316,9 +315,8 @@ static void test_large_bending(void)
         options.tolerance = REAL(SB_REAL_IS_FLOAT ? 1e-4 : 1e-9);
         if (!CHECK_OK(sb_body_solve_static(body, &options, &info)))
             printf("%s\n", info.error.message);
-        printf("  bending, model %d: %d Newton, %d PCG, tip %.4f m\n", (int)def.material.model,
-               info.newton_iterations, info.pcg_iterations,
-               (double)sb_body_displacements(body)[mesh.node_count - 1].z);
+        printf("  bending, model %d: %d Newton, %d PCG, tip %.4f m\n", (int)def.material.model, info.newton_iterations,
+               info.pcg_iterations, (double)sb_body_displacements(body)[mesh.node_count - 1].z);
         CHECK(info.newton_iterations <= most_newton[m]);
         CHECK_NEAR(info.load_factor, 1, 0);
         sb_body_destroy(body);
@@ -489,11 +487,11 @@ static sb_material tough_material(int model, double young, double poisson)
 typedef struct beaten_body {
     sb_body *body;
     const sb_mesh *mesh;
-    sb_vec3 *u;                 /* scratch [node_count] */
+    sb_vec3 *u; /* scratch [node_count] */
     unsigned long long seed;
-    int models;                 /* how many of the tough materials to use */
-    double stiffest;            /* largest Poisson's ratio */
-    int tool, tool_left;        /* node that a tool drags, or -1, and for how many steps */
+    int models;          /* how many of the tough materials to use */
+    double stiffest;     /* largest Poisson's ratio */
+    int tool, tool_left; /* node that a tool drags, or -1, and for how many steps */
     sb_vec3 tool_at, tool_speed;
 } beaten_body;
 
@@ -665,8 +663,8 @@ static void jerk_linearised(sb_element_type type, sb_integration integration, sb
         failed += sb_body_step(body, REAL(1.0 / 60), NULL) != SB_OK;
         farthest = fmax(farthest, (double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count));
     }
-    printf("  jerks of %g m, %s, model %d: at most %.3f m off, %d of 400 steps refused, %.1e m from rest at the end\n", reach,
-           sb_element_name(type), (int)material.model, farthest, failed,
+    printf("  jerks of %g m, %s, model %d: at most %.3f m off, %d of 400 steps refused, %.1e m from rest at the end\n",
+           reach, sb_element_name(type), (int)material.model, farthest, failed,
            (double)scene_distance(sb_body_positions(body), mesh.nodes, mesh.node_count));
     CHECK(farthest < 10 * reach);
     CHECK(failed < 60); /* none once the tool lets go */
@@ -681,8 +679,8 @@ static void test_linearised_jerks(void)
     jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, stable, 0.015);
     jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, stable, 0.03);
     jerk_linearised(SB_TET10, SB_INTEGRATION_AUTO, stable, 0.03);
-    jerk_linearised(SB_HEX8, SB_INTEGRATION_BBAR,
-                    sb_material_stable_neo_hookean(REAL(1e4), REAL(0.499), REAL(1000)), 0.03);
+    jerk_linearised(SB_HEX8, SB_INTEGRATION_BBAR, sb_material_stable_neo_hookean(REAL(1e4), REAL(0.499), REAL(1000)),
+                    0.03);
     jerk_linearised(SB_HEX8, SB_INTEGRATION_AUTO, sb_material_svk(REAL(1e4), REAL(0.45), REAL(1000)), 0.015);
 }
 
@@ -795,10 +793,11 @@ CHECK_SUITE(step, {"free fall", test_free_fall}, {"rest for 10,000 steps", test_
             {"Newmark keeps energy", test_newmark_keeps_energy}, {"momentum balance", test_dynamic_balance},
             {"order in time", test_time_order}, {"scale invariance", test_scale},
             {"uniaxial stretch in closed form", test_uniaxial}, {"large bending", test_large_bending},
-            {"a failed step is undone", test_failed_step_is_undone}, {"an undone step leaves no trace", test_undo_leaves_no_trace},
+            {"a failed step is undone", test_failed_step_is_undone},
+            {"an undone step leaves no trace", test_undo_leaves_no_trace},
             {"a linearised step refuses inversion", test_linearised_step_refuses_inversion},
-            {"inverted start", test_inverted_start},
-            {"linearised steps under jerks", test_linearised_jerks}, {"10,000 steps of violence", test_violence},
-            {"1,000 steps of violence, quadratic hexes", test_violence_hexes}, {"same bits for any threads", test_threads},
-            {"moving supports", test_moving_supports}, {"damping changes between steps", test_damping_changes},
-            {"iteration cap", test_cap});
+            {"inverted start", test_inverted_start}, {"linearised steps under jerks", test_linearised_jerks},
+            {"10,000 steps of violence", test_violence},
+            {"1,000 steps of violence, quadratic hexes", test_violence_hexes},
+            {"same bits for any threads", test_threads}, {"moving supports", test_moving_supports},
+            {"damping changes between steps", test_damping_changes}, {"iteration cap", test_cap});

@@ -1,6 +1,6 @@
 /* Tests of guests in a body's step: against the equations of body and guests solved as one dense system, in every
- * material, integrator and preconditioner; momentum; failures that leave nothing behind. Guests are internal, so that this
- * unit has the library for itself. */
+ * material, integrator and preconditioner; momentum; failures that leave nothing behind. Guests are internal, so that
+ * this unit has the library for itself. */
 #define SB_STATIC
 #define SB_IMPLEMENTATION
 #include "../softbody.h" /* with all of it: the tests of others see declarations only */
@@ -53,19 +53,19 @@ static int dense_eliminate(double *a, double *b, int n)
 typedef struct device {
     sbi_guest guest;
     int width, size;
-    double *k, *c, *m;            /* [width][width] */
-    double *force;                /* [width] */
-    double *g, *load;             /* the rows of the step */
-    double *block;                /* [size][size] */
+    double *k, *c, *m; /* [width][width] */
+    double *force;     /* [width] */
+    double *g, *load;  /* the rows of the step */
+    double *block;     /* [size][size] */
     int *nodes;
     double *unknown;
-    double *own[3], *own0[2];     /* displacement, velocity, acceleration of its own; known parts of the step */
-    double *x;                    /* [width] as committed */
+    double *own[3], *own0[2]; /* displacement, velocity, acceleration of its own; known parts of the step */
+    double *x;                /* [width] as committed */
     sbi_guest_step told;
-    double brake, limit;          /* N/m, N; 0: none. Along z of its last node */
-    double hold;                  /* N, when it slips */
+    double brake, limit; /* N/m, N; 0: none. Along z of its last node */
+    double hold;         /* N, when it slips */
     int slips;
-    double seen;                  /* acceleration along x that its first node started with (m/s^2) */
+    double seen; /* acceleration along x that its first node started with (m/s^2) */
     int begins, settles, commits, undos;
     int fail_begin, nan_at, bad_at, calls; /* from which call on; 0: never */
 } device;
@@ -92,8 +92,8 @@ static void device_make_rows(device *d)
                 a = device_component(t->acceleration0, node, axis);
             }
             d->load[i] -= d->k[i * w + j] * u + d->c[i * w + j] * v + d->m[i * w + j] * a;
-            d->g[i * w + j] = d->k[i * w + j] + t->velocity_factor * d->c[i * w + j] +
-                              t->acceleration_factor * d->m[i * w + j];
+            d->g[i * w + j] =
+                d->k[i * w + j] + t->velocity_factor * d->c[i * w + j] + t->acceleration_factor * d->m[i * w + j];
         }
     }
     if (d->brake > 0) {
@@ -199,8 +199,8 @@ static device *device_create(int unknowns, int node_count, const int *nodes, int
     device *d = (device *)calloc(1, sizeof *d);
     size_t width = (size_t)(unknowns + 3 * node_count), square = width * width + 1;
     double **squares[] = {&d->k, &d->c, &d->m, &d->g, &d->block};
-    double **rows[] = {&d->force, &d->load, &d->unknown, &d->own[0], &d->own[1], &d->own[2], &d->own0[0], &d->own0[1],
-                       &d->x};
+    double **rows[] = {&d->force,  &d->load,    &d->unknown, &d->own[0], &d->own[1],
+                       &d->own[2], &d->own0[0], &d->own0[1], &d->x};
     for (size_t i = 0; i < sizeof squares / sizeof *squares; i++)
         *squares[i] = (double *)calloc(square, sizeof(double));
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
@@ -326,9 +326,9 @@ typedef struct scene_def {
     sb_precond_kind precond;
     int moving, constrained, consistent;
     double slack;
-    int parts;            /* 1: a second box beside the first, which nothing holds but guests */
+    int parts; /* 1: a second box beside the first, which nothing holds but guests */
     int workers;
-    double load;          /* factor of the forces on the body */
+    double load; /* factor of the forces on the body */
 } scene_def;
 
 enum { DEVICES = 5 };
@@ -340,7 +340,7 @@ typedef struct scene {
     const sbi_guest *list[DEVICES];
     sb_vec3 *fibres;
     int *workers;
-    int constraint[3];    /* slave and its two masters, along z; slave -1: none */
+    int constraint[3]; /* slave and its two masters, along z; slave -1: none */
 } scene;
 
 static const double box[3] = {0.06, 0.03, 0.03};
@@ -428,7 +428,8 @@ static scene scene_make(const scene_def *what, const sb_allocator *allocator)
     s.other = scene_make_body(&s, what, NULL);
     for (int k = 0; k < 3; k++) /* from the support to near the end */
         line[k] = scene_corner(&s.mesh, box[0] * k / 3, box[1] / 2, box[2] / 2);
-    s.devices[0] = chain_create(scene_corner(&s.mesh, box[0], box[1], box[2]), scene_corner(&s.mesh, 0, box[1], box[2]));
+    s.devices[0] =
+        chain_create(scene_corner(&s.mesh, box[0], box[1], box[2]), scene_corner(&s.mesh, 0, box[1], box[2]));
     s.devices[1] = beam_create(3, line);
     s.devices[2] = force_create(scene_corner(&s.mesh, box[0] * 2 / 3, 0, 0), scene_corner(&s.mesh, 0, 0, 0));
     if (what->parts) { /* the chain joins both parts, the forces are on the second one alone */
@@ -483,14 +484,14 @@ static void reference_add(const sb_matrix *matrix, double factor, double *to, in
 }
 
 typedef struct reference {
-    int n;                 /* components of nodes, guests' unknowns, one multiplier */
-    int nodes;             /* components of nodes */
-    double *x;             /* [n] the solution: from the start of the step */
-    double share;          /* of it that the step took */
+    int n;        /* components of nodes, guests' unknowns, one multiplier */
+    int nodes;    /* components of nodes */
+    double *x;    /* [n] the solution: from the start of the step */
+    double share; /* of it that the step took */
 } reference;
 
-static void reference_system(scene *s, const scene_def *what, const sb_real *u, const double *damping, double *a, double *b,
-                             const reference *r, int constrained)
+static void reference_system(scene *s, const scene_def *what, const sb_real *u, const double *damping, double *a,
+                             double *b, const reference *r, int constrained)
 {
     sb_body *o = s->other;
     const sb_body *body = s->body;
@@ -527,8 +528,8 @@ static void reference_system(scene *s, const scene_def *what, const sb_real *u, 
             b[row] += d->load[i];
             for (int j = 0; j < d->width; j++) {
                 int column = j < own ? at + j : 3 * d->nodes[(j - own) / 3] + (j - own) % 3;
-                double x = j < own ? r->x[column]
-                                   : (double)u[column] - device_component(body->start, column / 3, column % 3);
+                double x =
+                    j < own ? r->x[column] : (double)u[column] - device_component(body->start, column / 3, column % 3);
                 b[row] -= d->g[i * d->width + j] * x;
                 a[row * n + column] += d->g[i * d->width + j];
             }
@@ -547,7 +548,8 @@ static void reference_system(scene *s, const scene_def *what, const sb_real *u, 
         a[at * n + at] = 1;
     for (int i = 0; i < count; i++)
         if (body->fixed[i / 3] >> i % 3 & 1) {
-            double target = device_component(body->target, i / 3, i % 3), start = device_component(body->start, i / 3, i % 3);
+            double target = device_component(body->target, i / 3, i % 3),
+                   start = device_component(body->start, i / 3, i % 3);
             for (int j = 0; j < n; j++)
                 a[i * n + j] = i == j;
             b[i] = start + t->level * (target - start) - (double)u[i];
@@ -581,8 +583,8 @@ static reference reference_solve(scene *s, const scene_def *what, const void *be
     if (!what->iterated) /* there the stiffness of damping is that of the step, here of its start */
         sbi_assembly_begin_step(&o->assembly, REAL(t->level * t->dt));
     CHECK(sbi_assembly_force(&o->assembly, (const sb_vec3 *)(const void *)u, o->internal) < 0);
-    sbi_assembly_tangent(&o->assembly, (const sb_vec3 *)(const void *)u, what->iterated ? SB_TANGENT_SPD : SB_TANGENT_QUASI,
-                         1, &o->matrix);
+    sbi_assembly_tangent(&o->assembly, (const sb_vec3 *)(const void *)u,
+                         what->iterated ? SB_TANGENT_SPD : SB_TANGENT_QUASI, 1, &o->matrix);
     sbi_assembly_begin_step(&o->assembly, REAL(t->level * t->dt));
     reference_add(&o->matrix, 1, damping, r.n);
     for (int round = 0; round < (what->iterated ? 30 : 1); round++) {
@@ -613,7 +615,8 @@ static void reference_compare(scene *s, reference *r, double tolerance)
     double size = 0, off = 0, own_size = 0, own_off = 0;
     int at = r->nodes;
     for (int i = 0; i < r->nodes; i++) {
-        double d = device_component(s->body->displacement, i / 3, i % 3) - device_component(s->body->start, i / 3, i % 3);
+        double d =
+            device_component(s->body->displacement, i / 3, i % 3) - device_component(s->body->start, i / 3, i % 3);
         double e = fabs(d * t->level - r->share * r->x[i]);
         size = fabs(r->x[i]) > size ? fabs(r->x[i]) : size;
         off = e > off ? e : off;
@@ -655,8 +658,10 @@ static void check_momentum(const scene *s, double tolerance)
     sb_vec3 *a = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3)), *ma = (sb_vec3 *)calloc((size_t)n, sizeof(sb_vec3));
     for (int i = 0; i < n; i++) {
         sb_vec3 v = sb_v3_madd(b->saved_velocity[i], REAL(t->level), sb_v3_sub(b->velocity[i], b->saved_velocity[i]));
-        a[i] = sb_v3_madd(b->velocity0[i], REAL(t->velocity_factor * t->level), sb_v3_sub(b->displacement[i], b->start[i]));
-        CHECK((double)sb_v3_norm(sb_v3_sub(a[i], v)) < scene_tolerance(1e-9, 1e5)); /* the velocity told is the body's */
+        a[i] = sb_v3_madd(b->velocity0[i], REAL(t->velocity_factor * t->level),
+                          sb_v3_sub(b->displacement[i], b->start[i]));
+        CHECK((double)sb_v3_norm(sb_v3_sub(a[i], v)) <
+              scene_tolerance(1e-9, 1e5)); /* the velocity told is the body's */
         a[i] = sb_v3_madd(b->acceleration0[i], REAL(t->acceleration_factor * t->level),
                           sb_v3_sub(b->displacement[i], b->start[i]));
         a[i] = sb_v3_sub(sb_v3_madd(a[i], b->damping_mass, v), b->gravity);
@@ -704,7 +709,8 @@ static void check_scene(const scene_def *what, int steps, double dt)
             CHECK_INT(s.devices[g]->undos, what->integrator != SB_EULER); /* once to find how it starts */
         }
         slipped |= s.devices[3]->slips;
-        if (what->moving && !what->iterated && sb_material_is_hyperelastic(what->material.model) && is_left_behind(&s)) {
+        if (what->moving && !what->iterated && sb_material_is_hyperelastic(what->material.model) &&
+            is_left_behind(&s)) {
             left++;
             continue;
         }
@@ -805,8 +811,8 @@ static void split_edge(sb_body *body, int cell)
     sb_error error;
     memcpy(ends, sb_body_cell_nodes(body, cell), sizeof ends);
     CHECK_OK(sb_body_change_begin(body, &change, &error));
-    CHECK_OK(sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[ends[0]], X[ends[1]])), ends, halves, 2, 0,
-                                     &middle, &error));
+    CHECK_OK(sb_body_change_add_node(change, sb_v3_scale(REAL(0.5), sb_v3_add(X[ends[0]], X[ends[1]])), ends, halves, 2,
+                                     0, &middle, &error));
     for (int e = 0; e < cells; e++) {
         int at[2] = {-1, -1}, nodes[4];
         memcpy(nodes, sb_body_cell_nodes(body, e), sizeof nodes);
@@ -1001,7 +1007,8 @@ static void test_share(void)
                     largest = fabs(r.x[k]) > fabs(r.x[largest]) ? k : largest;
                 r.share = t->level *
                           (device_component(s.body->displacement, largest / 3, largest % 3) -
-                           device_component(s.body->start, largest / 3, largest % 3)) / r.x[largest];
+                           device_component(s.body->start, largest / 3, largest % 3)) /
+                          r.x[largest];
                 CHECK_NEAR(log2(r.share), floor(log2(r.share) + 0.5), SB_REAL_IS_FLOAT ? 0.1 : 1e-5);
                 shortened += r.share < 0.75;
                 if (r.share > 0.75)
@@ -1233,7 +1240,7 @@ static void test_refused(void)
     scene_free(&s);
 }
 
-CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements}, {"parts", test_parts}, {"changes", test_changes},
-            {"preconditioners", test_preconditioners}, {"line search", test_line_search}, {"share", test_share},
-            {"threads", test_threads}, {"undo", test_undo}, {"no guests", test_no_guests}, {"start", test_start}, {"memory", test_memory},
-            {"refused", test_refused});
+CHECK_SUITE(step_guest, {"materials", test_materials}, {"elements", test_elements}, {"parts", test_parts},
+            {"changes", test_changes}, {"preconditioners", test_preconditioners}, {"line search", test_line_search},
+            {"share", test_share}, {"threads", test_threads}, {"undo", test_undo}, {"no guests", test_no_guests},
+            {"start", test_start}, {"memory", test_memory}, {"refused", test_refused});

@@ -34,15 +34,12 @@ static sb_real shape_distance(void *user, sb_vec3 x)
     const shape *s = (const shape *)user;
     double r, sum = 0;
     switch (s->kind) {
-    case BALL:
-        return REAL(ball(s->p, x));
+    case BALL: return REAL(ball(s->p, x));
     case TORUS:
         r = sqrt((double)(x.x * x.x + x.y * x.y)) - s->p[0];
         return REAL(sqrt(r * r + (double)(x.z * x.z)) - s->p[1]);
-    case BOX:
-        return REAL(box(s->p, x));
-    case PLANE:
-        return REAL((double)x.x * s->p[0] + (double)x.y * s->p[1] + (double)x.z * s->p[2] - s->p[3]);
+    case BOX: return REAL(box(s->p, x));
+    case PLANE: return REAL((double)x.x * s->p[0] + (double)x.y * s->p[1] + (double)x.z * s->p[2] - s->p[3]);
     default:
         for (int k = 0; k < 8; k++) {
             double d = (ball(s->p + 4 * k, x) + s->p[4 * k + 3]) / s->p[4 * k + 3];
@@ -445,10 +442,14 @@ static void test_random_regions(void)
 
 /* ---- surfaces ---- */
 
-static const char *const surface_names[] = {
-    "surfaces/liver_a.obj", "surfaces/liver_b.obj", "surfaces/liver_a_uniform_coarse.obj",
-    "surfaces/liver_a_uniform_fine.obj", "surfaces/bunny.obj", "surfaces/torus.obj",
-    "phantom/skin.obj", "phantom/prostate.obj"};
+static const char *const surface_names[] = {"surfaces/liver_a.obj",
+                                            "surfaces/liver_b.obj",
+                                            "surfaces/liver_a_uniform_coarse.obj",
+                                            "surfaces/liver_a_uniform_fine.obj",
+                                            "surfaces/bunny.obj",
+                                            "surfaces/torus.obj",
+                                            "phantom/skin.obj",
+                                            "phantom/prostate.obj"};
 enum { SURFACE_COUNT = (int)(sizeof surface_names / sizeof surface_names[0]) };
 
 static int load_surface(const char *name, sb_mesh *mesh, sb_surface **surface)
@@ -705,9 +706,9 @@ static void test_arguments(void)
     scene at;
     sb_mesh mesh;
     memset(&mesh, 0, sizeof mesh);
-#define REFUSE(change, result, word) \
-    set_scene(&at, &s, 1, 0.1, 0); \
-    change; \
+#define REFUSE(change, result, word)                                                                                   \
+    set_scene(&at, &s, 1, 0.1, 0);                                                                                     \
+    change;                                                                                                            \
     refuse(&at.def, result, word)
     refuse(NULL, SB_ERROR_ARGUMENT, "def");
     set_scene(&at, &s, 1, 0.1, 0);
@@ -834,17 +835,11 @@ static sb_real thin_distance(void *user, sb_vec3 p)
     double y = -0.8 * (double)p.x + 0.6 * (double)p.y, z = 0.48 * (double)p.x + 0.64 * (double)p.y + 0.6 * (double)p.z;
     double r = sqrt(x * x + y * y), d = sqrt(r * r + z * z);
     switch (s->kind) {
-    case 0: /* plate */
-        return REAL(fmax(fmax(fabs(x), fabs(y)) - 0.8, fabs(z) - half));
-    case 1: /* shell */
-        return REAL(fabs(d - 0.8) - half);
-    case 2: /* rod */
-        a = fmax(fabs(z) - 0.8, 0);
-        return REAL(sqrt(r * r + a * a) - half);
-    case 3: /* ring */
-        return REAL(sqrt((r - 0.7) * (r - 0.7) + z * z) - half);
-    case 4: /* a ball with a brim */
-        return REAL(fmin(d - 0.3, fmax(fabs(z) - half, r - 0.9)));
+    case 0: /* plate */ return REAL(fmax(fmax(fabs(x), fabs(y)) - 0.8, fabs(z) - half));
+    case 1: /* shell */ return REAL(fabs(d - 0.8) - half);
+    case 2: /* rod */ a = fmax(fabs(z) - 0.8, 0); return REAL(sqrt(r * r + a * a) - half);
+    case 3: /* ring */ return REAL(sqrt((r - 0.7) * (r - 0.7) + z * z) - half);
+    case 4: /* a ball with a brim */ return REAL(fmin(d - 0.3, fmax(fabs(z) - half, r - 0.9)));
     default: /* star of six needles */
         a = fmax(fabs(x) - 0.9, 0), b = fmax(fabs(y) - 0.9, 0), c = fmax(fabs(z) - 0.9, 0);
         a = sqrt(y * y + z * z + a * a), b = sqrt(x * x + z * z + b * b), c = sqrt(r * r + c * c);
@@ -1001,8 +996,7 @@ static void test_inside_out(void)
         CHECK_OK(sb_mesh_boundary(&solid, 1, NULL, &boundary, NULL));
         CHECK_OK(sb_mesh_copy(&boundary.surface, NULL, &both, NULL));
         for (int v = 0; v < boundary.surface.node_count; v++)
-            boundary.surface.nodes[v] =
-                sb_v3_add(sb_v3_scale(scale, boundary.surface.nodes[v]), sb_v3(shift, 0, 0));
+            boundary.surface.nodes[v] = sb_v3_add(sb_v3_scale(scale, boundary.surface.nodes[v]), sb_v3(shift, 0, 0));
         if (k != 1 && k != 3)
             CHECK_OK(sb_mesh_append(&both, &boundary.surface, NULL));
         for (int e = 0; e < both.element_count; e++) { /* 0: as it is; 2: the second part; 4: as a cavity */
@@ -1033,12 +1027,12 @@ static void test_inside_out(void)
 }
 
 CHECK_SUITE(stuffing, {"thin functions", test_thin_functions}, {"thin surfaces", test_thin_surfaces},
-            {"shares", test_shares}, {"inside out", test_inside_out}, {"dihedral range", test_dihedral_range}, {"ball", test_ball}, {"graded count", test_graded_count},
-            {"ridges", test_ridges}, {"aligned", test_aligned}, {"torus", test_torus},
-            {"random shapes", test_random_shapes}, {"plates", test_plates}, {"clipped by box", test_clipped_by_box},
-            {"scale", test_scale}, {"nested", test_nested}, {"side by side", test_side_by_side},
-            {"random regions", test_random_regions}, {"surfaces", test_surfaces}, {"phantom", test_phantom},
-            {"body", test_body}, {"threads", test_threads}, {"progress", test_progress},
-            {"allocation failures", test_allocation_failures}, {"arguments", test_arguments},
-            {"element limit", test_element_limit},
-            {"sign only", test_sign_only}, {"open surface", test_open_surface});
+            {"shares", test_shares}, {"inside out", test_inside_out}, {"dihedral range", test_dihedral_range},
+            {"ball", test_ball}, {"graded count", test_graded_count}, {"ridges", test_ridges},
+            {"aligned", test_aligned}, {"torus", test_torus}, {"random shapes", test_random_shapes},
+            {"plates", test_plates}, {"clipped by box", test_clipped_by_box}, {"scale", test_scale},
+            {"nested", test_nested}, {"side by side", test_side_by_side}, {"random regions", test_random_regions},
+            {"surfaces", test_surfaces}, {"phantom", test_phantom}, {"body", test_body}, {"threads", test_threads},
+            {"progress", test_progress}, {"allocation failures", test_allocation_failures},
+            {"arguments", test_arguments}, {"element limit", test_element_limit}, {"sign only", test_sign_only},
+            {"open surface", test_open_surface});

@@ -291,14 +291,11 @@ static void test_features(void)
         double p[3], closest[3];
         sb_surface_feature feature;
         int index;
-    } cases[] = {{{0.25, 0.25, 2}, {0.25, 0.25, 0}, SB_SURFACE_FACE, 0},
-                 {{0.5, 0.25, -1}, {0.5, 0.25, 0}, SB_SURFACE_FACE, 0},
-                 {{0.5, -1, 1}, {0.5, 0, 0}, SB_SURFACE_EDGE, 0},
-                 {{1, 1, 3}, {0.5, 0.5, 0}, SB_SURFACE_EDGE, 1},
-                 {{-2, 0.5, 0}, {0, 0.5, 0}, SB_SURFACE_EDGE, 2},
-                 {{-1, -2, 1}, {0, 0, 0}, SB_SURFACE_VERTEX, 0},
-                 {{3, -1, 0}, {1, 0, 0}, SB_SURFACE_VERTEX, 1},
-                 {{-1, 4, 0}, {0, 1, 0}, SB_SURFACE_VERTEX, 2}};
+    } cases[] = {
+        {{0.25, 0.25, 2}, {0.25, 0.25, 0}, SB_SURFACE_FACE, 0}, {{0.5, 0.25, -1}, {0.5, 0.25, 0}, SB_SURFACE_FACE, 0},
+        {{0.5, -1, 1}, {0.5, 0, 0}, SB_SURFACE_EDGE, 0},        {{1, 1, 3}, {0.5, 0.5, 0}, SB_SURFACE_EDGE, 1},
+        {{-2, 0.5, 0}, {0, 0.5, 0}, SB_SURFACE_EDGE, 2},        {{-1, -2, 1}, {0, 0, 0}, SB_SURFACE_VERTEX, 0},
+        {{3, -1, 0}, {1, 0, 0}, SB_SURFACE_VERTEX, 1},          {{-1, 4, 0}, {0, 1, 0}, SB_SURFACE_VERTEX, 2}};
     sb_vec3 nodes[3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
     int elements[3] = {0, 1, 2};
     sb_mesh mesh = surface_of(nodes, 3, elements, 1);
@@ -583,8 +580,8 @@ static void test_rays_brute_force(void)
         wrong += found != (best >= 0);
         if (found) {
             wrong += fabs((double)first.distance - best) > tolerance;
-            wrong += (double)sb_v3_norm(sb_v3_sub(first.point, sb_v3_madd(p, first.distance / REAL(length), d))) >
-                     tolerance;
+            wrong +=
+                (double)sb_v3_norm(sb_v3_sub(first.point, sb_v3_madd(p, first.distance / REAL(length), d))) > tolerance;
             wrong += sb_surface_ray(surface, p, d, first.distance * REAL(0.99), NULL);
         }
         wrong += sb_surface_ray_all(surface, p, d, SB_REAL_MAX, all, 64) != count;
@@ -1011,7 +1008,7 @@ static void test_check_crossings(void)
         double shift[3];
         int crosses;
     } cases[] = {{{1.25, 0.1, 0.2}, 0}, {{0.5, 0.3, 0.1}, 1}, {{1, 0.3, 0.1}, 1}, {{0.5, 0, 0}, 1},
-                 {{1, 1, 0.3}, 0},      {{1, 1, 1}, 0},        {{0, 0, 0}, 1}};
+                 {{1, 1, 0.3}, 0},      {{1, 1, 1}, 0},       {{0, 0, 0}, 1}};
     for (size_t k = 0; k < sizeof cases / sizeof cases[0]; k++) {
         sb_mesh mesh = surface_box(SB_TET4, 2, 1), other = surface_box(SB_TET4, 2, 1);
         sb_surface_report report;
@@ -1097,8 +1094,8 @@ static void test_check_crowds(void)
         SB_SURFACE_SELF_CROSSING | SB_SURFACE_OPEN_EDGES | SB_SURFACE_NONMANIFOLD_NODES,
         SB_SURFACE_SELF_CROSSING | SB_SURFACE_OPEN_EDGES | SB_SURFACE_SEVERAL_PARTS,
     };
-    static const char *const names[] = {"coincident", "the same nodes", "stacked", "pages of a book", "crossing fan",
-                                        "slivers through one point"};
+    static const char *const names[] = {"coincident",      "the same nodes", "stacked",
+                                        "pages of a book", "crossing fan",   "slivers through one point"};
     for (int k = 0; k < 6; k++) {
         sb_mesh mesh = crowd_make(COUNT);
         sb_surface_report report;
@@ -1446,8 +1443,8 @@ static void test_memory_runs_out(void)
 
 CHECK_SUITE(surface, {"closest point by brute force", test_closest_brute_force},
             {"closest point at any scale", test_closest_scales},
-            {"closest point is the least", test_closest_is_the_least}, {"features", test_features},
-            {"cube", test_cube}, {"signs", test_signs}, {"signs of shared surfaces", test_signs_of_shared_surfaces},
+            {"closest point is the least", test_closest_is_the_least}, {"features", test_features}, {"cube", test_cube},
+            {"signs", test_signs}, {"signs of shared surfaces", test_signs_of_shared_surfaces},
             {"degenerate triangles", test_degenerate_triangles}, {"slivers", test_slivers},
             {"winding number of an open box", test_winding_number_of_open_box},
             {"winding number of an overlap", test_winding_number_of_overlap},

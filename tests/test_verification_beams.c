@@ -41,7 +41,7 @@ static void load_tip(sb_body *body, const sb_mesh *mesh, double h, double px, do
  * P L^3/(3 E I) + P L/(k G A), k = 5/6. */
 static void test_cantilever(void)
 {
-    static const resolution meshes[] = {{"tet4", 40, 4, 4, -0.176},   {"tet10", 10, 1, 1, 0.004},
+    static const resolution meshes[] = {{"tet4", 40, 4, 4, -0.176}, {"tet10", 10, 1, 1, 0.004},
                                         {"hex8", 40, 4, 4, 0.06},   {"hex8, B-bar", 40, 4, 4, 0.06},
                                         {"hex20", 10, 1, 1, 0.003}, {"hex27", 10, 1, 1, 0.003}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
@@ -50,8 +50,7 @@ static void test_cantilever(void)
         double expected = force / (3 * young * inertia) + force / (5.0 / 6 * young / 2 * h * h);
         char name[80];
         sb_mesh mesh;
-        sb_body *body =
-            cantilever(&mesh, meshes + i, h, sb_material_linear(REAL(young), REAL(poisson_none), 1000));
+        sb_body *body = cantilever(&mesh, meshes + i, h, sb_material_linear(REAL(young), REAL(poisson_none), 1000));
         load_tip(body, &mesh, h, 0, force);
         verify_solve(body);
         name_with_mesh(name, sizeof name, "cantilever L/h = 10, tip load", meshes + i);
@@ -77,9 +76,9 @@ static sb_vec3 bending_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_pure_bending(void)
 {
-    static const resolution meshes[] = {{"tet4", 24, 6, 6, -0.118},  {"tet10", 4, 2, 2, 1e-8},
-                                        {"hex8", 24, 6, 6, 0.03}, {"hex8, B-bar", 24, 6, 6, 0.015},
-                                        {"hex20", 4, 2, 2, 1e-8}, {"hex27", 4, 2, 2, 1e-8}};
+    static const resolution meshes[] = {{"tet4", 24, 6, 6, -0.118}, {"tet10", 4, 2, 2, 1e-8},
+                                        {"hex8", 24, 6, 6, 0.03},   {"hex8, B-bar", 24, 6, 6, 0.015},
+                                        {"hex20", 4, 2, 2, 1e-8},   {"hex27", 4, 2, 2, 1e-8}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double h = 0.25, poisson = 0.3, slope = 1e4;
         const resolution *r = meshes + i;
@@ -100,14 +99,13 @@ static void test_pure_bending(void)
         verify_solve(body);
         for (int k = 0; k < mesh.node_count; k++) {
             double x = (double)mesh.nodes[k].x, y = (double)mesh.nodes[k].y, z = (double)mesh.nodes[k].z;
-            sb_vec3 u =
-                sb_v3(REAL(x * z), REAL(-poisson * y * z), REAL(-0.5 * (x * x + poisson * (z * z - y * y))));
+            sb_vec3 u = sb_v3(REAL(x * z), REAL(-poisson * y * z), REAL(-0.5 * (x * x + poisson * (z * z - y * y))));
             u = sb_v3_sub(sb_v3_scale(REAL(young / slope), sb_body_displacements(body)[k]), u);
             worst = verify_worse(worst, (double)sb_v3_norm(u) / 0.5);
         }
         name_with_mesh(name, sizeof name, "pure bending", r);
-        verify(name, r->element, "Timoshenko and Goodier 1970, sec. 102", "largest error of u/tip deflection",
-               0, worst, r->bound);
+        verify(name, r->element, "Timoshenko and Goodier 1970, sec. 102", "largest error of u/tip deflection", 0, worst,
+               r->bound);
         verify_free(body, &mesh);
     }
 }
@@ -172,10 +170,10 @@ static void elastica_case(const resolution *r, const verify_material *material, 
     tip = verify_mean(body, &mesh, verify_on_plane, &right);
     snprintf(name, sizeof name, "elastica PL^2/EI = %g, L/h = 20, %dx%dx%d", a, r->nx, r->ny, r->nz);
     snprintf(what, sizeof what, "%s, %s", r->element, material->name);
-    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip deflection/L", z,
-           (double)tip.z, r->bound);
-    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip shortening/L", 1 - x,
-           -(double)tip.x, 2.5 * r->bound);
+    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip deflection/L", z, (double)tip.z,
+           r->bound);
+    verify(name, what, "Bisshopp and Drucker 1945, integrated in the test", "tip shortening/L", 1 - x, -(double)tip.x,
+           2.5 * r->bound);
     verify_free(body, &mesh);
 }
 
@@ -186,8 +184,7 @@ static void test_elastica(void)
     static const resolution single[] = {{"tet10, single rotation", 20, 1, 1, 0.003},
                                         {"tet10, single rotation", 10, 1, 1, 0.003},
                                         {"tet10, single rotation", 5, 1, 1, -0.0336}};
-    static const resolution hex[] = {
-        {"hex8", 60, 3, 3, 0.04}, {"hex20", 20, 1, 1, 0.005}, {"hex27", 20, 1, 1, 0.005}};
+    static const resolution hex[] = {{"hex8", 60, 3, 3, 0.04}, {"hex20", 20, 1, 1, 0.005}, {"hex27", 20, 1, 1, 0.005}};
     for (int m = 0; m < VERIFY_MATERIALS; m++)
         if (!sb_material_is_linear(verify_materials[m].make(1, 0, 1).model))
             elastica_case(&tet10, verify_materials + m, 2);
@@ -223,11 +220,11 @@ static void rolled_case(const resolution *r, double turn, int steps)
     }
     centre = sb_v3(REAL(sin(turn) / turn), REAL(h / 2), REAL(h / 2 + (1 - cos(turn)) / turn));
     torque = verify_torque(body, &mesh, verify_on_plane, &right, centre, sb_body_positions(body));
-    snprintf(name, sizeof name, "beam bent by %g degrees, L/h = 25, %dx%dx%d", turn * 180 / VERIFY_PI, r->nx,
-             r->ny, r->nz);
+    snprintf(name, sizeof name, "beam bent by %g degrees, L/h = 25, %dx%dx%d", turn * 180 / VERIFY_PI, r->nx, r->ny,
+             r->nz);
     snprintf(what, sizeof what, "%s, corotated", r->element);
-    verify(name, what, "Euler: M = EI angle/L", "end moment/(EI/L)", turn,
-           -(double)torque.y / (young * inertia), r->bound * pow(turn / (1.5 * VERIFY_PI), 2));
+    verify(name, what, "Euler: M = EI angle/L", "end moment/(EI/L)", turn, -(double)torque.y / (young * inertia),
+           r->bound * pow(turn / (1.5 * VERIFY_PI), 2));
     verify_free(body, &mesh);
 }
 
@@ -251,14 +248,13 @@ static void test_beam_column(void)
         double shape = axial > 0 ? tan(k) - k : k - tanh(k);
         char name[80];
         sb_mesh mesh;
-        sb_body *body =
-            cantilever(&mesh, &tet10, h, sb_material_corotated(REAL(young), REAL(poisson_none), 1000));
+        sb_body *body = cantilever(&mesh, &tet10, h, sb_material_corotated(REAL(young), REAL(poisson_none), 1000));
         load_tip(body, &mesh, h, -axial, lateral);
         verify_solve(body);
         snprintf(name, sizeof name, "beam-column at %g of Euler's load, L/h = 20, 20x1x1", share[i]);
         verify(name, "tet10, corotated", "Timoshenko and Gere 1961, ch. 1", "tip deflection (m)",
-               lateral / (fabs(axial) * k) * shape,
-               (double)verify_mean(body, &mesh, verify_on_plane, &right).z, tet10.bound);
+               lateral / (fabs(axial) * k) * shape, (double)verify_mean(body, &mesh, verify_on_plane, &right).z,
+               tet10.bound);
         verify_free(body, &mesh);
     }
 }
@@ -284,8 +280,7 @@ static double twist(sb_body *body, const sb_mesh *mesh, double length, double cy
     }
     CHECK(held);
     verify_solve(body);
-    return (double)verify_torque(body, mesh, verify_on_plane, &end, sb_v3(0, REAL(cy), REAL(cz)), mesh->nodes)
-        .x;
+    return (double)verify_torque(body, mesh, verify_on_plane, &end, sb_v3(0, REAL(cy), REAL(cz)), mesh->nodes).x;
 }
 
 /* J/a^4 of a square section: 1/3 - 64/pi^5 sum tanh(n pi/2)/n^5, n odd. */
@@ -299,9 +294,9 @@ static double square_torsion(void)
 
 static void test_square_torsion(void)
 {
-    static const resolution meshes[] = {{"tet4", 4, 12, 12, -0.063},  {"tet10", 2, 4, 4, 0.007},
-                                        {"hex8", 4, 12, 12, 0.012}, {"hex8, B-bar", 4, 12, 12, 0.012},
-                                        {"hex20", 2, 4, 4, 0.003},  {"hex27", 2, 4, 4, 0.003}};
+    static const resolution meshes[] = {{"tet4", 4, 12, 12, -0.063}, {"tet10", 2, 4, 4, 0.007},
+                                        {"hex8", 4, 12, 12, 0.012},  {"hex8, B-bar", 4, 12, 12, 0.012},
+                                        {"hex20", 2, 4, 4, 0.003},   {"hex27", 2, 4, 4, 0.003}};
     CHECK_NEAR(square_torsion(), 0.1406, 5e-5);
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 0.5, poisson = 0.3;
@@ -312,18 +307,17 @@ static void test_square_torsion(void)
         double shear = young / (2 * (1 + poisson));
         char name[80];
         name_with_mesh(name, sizeof name, "torsion of a square bar", r);
-        verify(name, r->element, "Saint-Venant 1855: J = 0.1406 a^4, summed in the test",
-               "torque/(G angle a^4/L)", square_torsion(),
-               twist(body, &mesh, length, 0.5, 0.5, angle) / (shear * angle / length), r->bound);
+        verify(name, r->element, "Saint-Venant 1855: J = 0.1406 a^4, summed in the test", "torque/(G angle a^4/L)",
+               square_torsion(), twist(body, &mesh, length, 0.5, 0.5, angle) / (shear * angle / length), r->bound);
         verify_free(body, &mesh);
     }
 }
 
 static void test_round_torsion(void)
 {
-    static const resolution meshes[] = {{"tet4", 4, 16, 16, -0.0505},   {"tet10", 2, 8, 8, 5e-4},
-                                        {"hex8", 4, 16, 16, 0.016}, {"hex8, B-bar", 4, 16, 16, 0.016},
-                                        {"hex20", 2, 8, 8, 3e-4},   {"hex27", 2, 8, 8, 3e-4}};
+    static const resolution meshes[] = {{"tet4", 4, 16, 16, -0.0505}, {"tet10", 2, 8, 8, 5e-4},
+                                        {"hex8", 4, 16, 16, 0.016},   {"hex8, B-bar", 4, 16, 16, 0.016},
+                                        {"hex20", 2, 8, 8, 3e-4},     {"hex27", 2, 8, 8, 3e-4}};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         static const double angle = 0.01, length = 1, radius = 1, poisson = 0.3;
         const resolution *r = meshes + i;
@@ -332,8 +326,7 @@ static void test_round_torsion(void)
         sb_body *body;
         double shear = young / (2 * (1 + poisson));
         char name[80];
-        if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), r->ny, r->nx, NULL,
-                                       &mesh, NULL)))
+        if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), r->ny, r->nx, NULL, &mesh, NULL)))
             continue;
         verify_round(&mesh, radius);
         body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
@@ -375,8 +368,7 @@ static void disc_case(const resolution *r)
     snprintf(name, sizeof name, "clamped disc R/h = 10, weight, %d cells across", r->ny);
     verify(name, r->element, "Timoshenko and Woinowsky-Krieger 1959: qR^4/64D, shear qR^2/4kGh",
            "sag of the middle (m)",
-           q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest,
-           r->bound);
+           q * pow(radius, 4) / (64 * stiffness) + q * radius * radius / (4 * 5.0 / 6 * shear * h), -lowest, r->bound);
     verify_free(body, &mesh);
 }
 
@@ -437,7 +429,7 @@ static void test_square_plate(void)
 static void test_table(void) { verify_table("verification_beams"); }
 
 CHECK_SUITE(verification_beams, {"cantilever", test_cantilever}, {"pure bending", test_pure_bending},
-            {"elastica of the literature", test_elastica_itself}, {"elastica", test_elastica},
-            {"rolled", test_rolled}, {"beam-column", test_beam_column},
-            {"torsion of a square bar", test_square_torsion}, {"torsion of a round bar", test_round_torsion},
-            {"clamped disc", test_disc}, {"square plate", test_square_plate}, {"table", test_table});
+            {"elastica of the literature", test_elastica_itself}, {"elastica", test_elastica}, {"rolled", test_rolled},
+            {"beam-column", test_beam_column}, {"torsion of a square bar", test_square_torsion},
+            {"torsion of a round bar", test_round_torsion}, {"clamped disc", test_disc},
+            {"square plate", test_square_plate}, {"table", test_table});

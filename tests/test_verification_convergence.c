@@ -15,8 +15,7 @@ static double angle_of(int i, const double x[3])
 
 static sb_vec3 exact_displacement(const double x[3])
 {
-    return sb_v3(REAL(0.1 * sin(angle_of(0, x))), REAL(0.1 * sin(angle_of(1, x))),
-                 REAL(0.1 * sin(angle_of(2, x))));
+    return sb_v3(REAL(0.1 * sin(angle_of(0, x))), REAL(0.1 * sin(angle_of(1, x))), REAL(0.1 * sin(angle_of(2, x))));
 }
 
 static sb_mat3 exact_gradient(const double x[3])
@@ -58,8 +57,7 @@ enum { LAWS = (int)(sizeof laws / sizeof laws[0]) };
 static int fine_rule(sb_element_type type, sb_real points[SB_MAX_QUADRATURE_POINTS][3],
                      sb_real weights[SB_MAX_QUADRATURE_POINTS])
 {
-    static const double at[3] = {-0.774596669241483377, 0, 0.774596669241483377},
-                        w[3] = {5.0 / 9, 8.0 / 9, 5.0 / 9};
+    static const double at[3] = {-0.774596669241483377, 0, 0.774596669241483377}, w[3] = {5.0 / 9, 8.0 / 9, 5.0 / 9};
     if (sb_element_corner_count(type) == 4)
         return sb_element_quadrature(SB_TET10, SB_QUADRATURE_MASS, points, weights);
     for (int q = 0; q < 27; q++) {
@@ -182,8 +180,8 @@ static void test_space(void)
             manufactured(element, laws + k, 2 * cells, fine);
             snprintf(name, sizeof name, "manufactured solution, %d and %d cells per side", cells, 2 * cells);
             snprintf(what, sizeof what, "%s, %s", element->name, laws[k].name);
-            verify(name, what, "Strang and Fix 1973: h^(p+1)", "order of the displacements, L2",
-                   element->degree + 1, log(coarse[0] / fine[0]) / log(2.0), 0.03);
+            verify(name, what, "Strang and Fix 1973: h^(p+1)", "order of the displacements, L2", element->degree + 1,
+                   log(coarse[0] / fine[0]) / log(2.0), 0.03);
             verify(name, what, "Strang and Fix 1973: h^p", "order of their gradients, L2", element->degree,
                    log(coarse[1] / fine[1]) / log(2.0), 0.03);
             verify(name, what, "u_i = 0.1 sin(k_i . X + c_i)", "error of the finer mesh (m)", 0, fine[0],
@@ -208,8 +206,7 @@ static void swing(const law *l, sb_integrator integrator, int steps, double push
     sb_body *body;
     CHECK_INT(mesh.node_count, SWING_NODES);
     def.integrator = integrator;
-    if (integrator == SB_EULER ||
-        (integrator != SB_CENTRAL_DIFFERENCE && sb_material_is_linear(def.material.model)))
+    if (integrator == SB_EULER || (integrator != SB_CENTRAL_DIFFERENCE && sb_material_is_linear(def.material.model)))
         def.damping_stiffness = REAL(0.005);
     def.tolerance = REAL(1e-12);
     def.newton_tolerance = REAL(1e-12);
@@ -257,10 +254,8 @@ static void test_time(void)
                 swing(laws + k, s->integrator, s->steps << r, k ? 0.1 : 0.03, u[r]);
             snprintf(name, sizeof name, "bar swinging for 0.4 s, %d to %d steps", s->steps, s->steps << 2);
             snprintf(what, sizeof what, "%s, hex8, %s", s->name, laws[k].name);
-            verify(name, what, "order of the rule (Hughes 1987, sec. 9.1), Richardson", "order in time",
-                   s->order,
-                   log(scene_distance(u[0], u[1], SWING_NODES) / scene_distance(u[1], u[2], SWING_NODES)) /
-                       log(2.0),
+            verify(name, what, "order of the rule (Hughes 1987, sec. 9.1), Richardson", "order in time", s->order,
+                   log(scene_distance(u[0], u[1], SWING_NODES) / scene_distance(u[1], u[2], SWING_NODES)) / log(2.0),
                    s->bound);
         }
 }

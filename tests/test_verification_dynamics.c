@@ -6,8 +6,7 @@
 static const double young = 1e4, density = 1000;
 
 static sb_body *moving_body(const sb_mesh *mesh, const verify_element *element, sb_material material,
-                            sb_integrator integrator, sb_mass_kind mass, double damping_mass,
-                            double damping_stiffness)
+                            sb_integrator integrator, sb_mass_kind mass, double damping_mass, double damping_stiffness)
 {
     sb_body_def def = verify_def(mesh, element, material);
     def.integrator = integrator;
@@ -62,9 +61,8 @@ static void test_projectile(void)
             int euler = rules[r].integrator == SB_EULER;
             double t = steps * dt, height = 4 * t - gravity * t * t / 2;
             sb_mesh mesh = verify_box(element->type, 2, 2, 2, 0.1, 0.1, 0.1);
-            sb_body *body =
-                moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
-                            rules[r].integrator, SB_MASS_LUMPED, 0, 0);
+            sb_body *body = moving_body(&mesh, element, sb_material_corotated(REAL(young), REAL(0.3), REAL(density)),
+                                        rules[r].integrator, SB_MASS_LUMPED, 0, 0);
             CHECK_OK(sb_body_set_gravity(body, sb_v3(0, 0, REAL(-gravity))));
             add_velocity(body, &mesh, thrown);
             step(body, dt, steps);
@@ -86,9 +84,8 @@ static sb_vec3 angular_momentum(const sb_body *body, const sb_mesh *mesh)
     for (int e = 0; e < mesh->element_count; e++) /* lumped, equal nodes of a hex8 */
         for (int a = 0; a < 8; a++) {
             int i = mesh->elements[8 * e + a];
-            sum = sb_v3_add(
-                sum, sb_v3_scale(sb_mesh_element_volume(mesh, e) * REAL(density / 8),
-                                 sb_v3_cross(sb_body_positions(body)[i], sb_body_velocities(body)[i])));
+            sum = sb_v3_add(sum, sb_v3_scale(sb_mesh_element_volume(mesh, e) * REAL(density / 8),
+                                             sb_v3_cross(sb_body_positions(body)[i], sb_body_velocities(body)[i])));
         }
     return sum;
 }
@@ -117,8 +114,7 @@ static void test_spin(void)
 {
     spin_case("free spinning bar, 3 turns, Newmark dt = 5 ms, 4x2x2", SB_NEWMARK, 0.002);
     spin_case("free spinning bar, 3 turns, generalised alpha dt = 5 ms, 4x2x2", SB_GENERALISED_ALPHA, 0.0012);
-    spin_case("free spinning bar, 3 turns, central difference dt <= 5 ms, 4x2x2", SB_CENTRAL_DIFFERENCE,
-              1e-8);
+    spin_case("free spinning bar, 3 turns, central difference dt <= 5 ms, 4x2x2", SB_CENTRAL_DIFFERENCE, 1e-8);
 }
 
 /* ---- one-dimensional columns: exact discrete modes ---- */
@@ -143,14 +139,13 @@ static chain make_chain(int axis, sb_integrator integrator, sb_mass_kind mass, d
 {
     static const double poisson = 0.3;
     verify_constants c = verify_constants_of(young, poisson);
-    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / chain_cells,
-           s = sin(VERIFY_PI * h / 4);
+    double modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu, h = 1.0 / chain_cells, s = sin(VERIFY_PI * h / 4);
     chain made;
     made.axis = axis;
     made.mesh = verify_box(SB_HEX8, chain_cells, 1, 1, 1, h, h);
-    made.body = moving_body(&made.mesh, verify_element_named("hex8"),
-                            sb_material_linear(REAL(young), REAL(poisson), REAL(density)), integrator, mass,
-                            alpha, beta);
+    made.body =
+        moving_body(&made.mesh, verify_element_named("hex8"),
+                    sb_material_linear(REAL(young), REAL(poisson), REAL(density)), integrator, mass, alpha, beta);
     for (int i = 0; i < made.mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(made.body, &i, 1, SB_XYZ & ~(1 << axis)));
     scene_fix_plane(made.body, &made.mesh, 0, 0, SB_XYZ);
@@ -173,8 +168,7 @@ static double chain_tip(const chain *c)
 /* Newmark's rule turns the frequency w into 2/dt atan(w dt/2) and keeps the amplitude v/w. */
 static void test_chain_newmark(void)
 {
-    static const char *names[2] = {"dilatational mode of a column, 16 cells",
-                                   "shear mode of a column, 16 cells"};
+    static const char *names[2] = {"dilatational mode of a column, 16 cells", "shear mode of a column, 16 cells"};
     for (int axis = 0; axis < 2; axis++)
         for (int consistent = 0; consistent < 2; consistent++) {
             static const int steps = 100;
@@ -197,9 +191,8 @@ static void test_chain_euler(void)
     step(c.body, dt, steps);
     verify("dilatational mode of a column, 16 cells", "hex8, lumped mass",
            "exact discrete mode, implicit Euler: amplitude (1 + w^2 dt^2)^(-n/2), phase n atan(w dt)",
-           "tip after 40 steps (m)",
-           0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)), chain_tip(&c),
-           1e-8);
+           "tip after 40 steps (m)", 0.01 / c.frequency * pow(1 + wdt * wdt, -steps / 2.0) * sin(steps * atan(wdt)),
+           chain_tip(&c), 1e-8);
     verify_free(c.body, &c.mesh);
 }
 
@@ -231,8 +224,7 @@ static double alpha_recursion(double radius, double w, double v, double dt, int 
     double beta = 0.25 * (1 - am + af) * (1 - am + af), u = 0, a = 0;
     for (int s = 0; s < steps; s++) {
         double u0 = u + dt * v + dt * dt * (0.5 - beta) * a, v0 = v + dt * (1 - gamma) * a;
-        double next =
-            -(am * a + w * w * ((1 - af) * u0 + af * u)) / ((1 - am) + w * w * (1 - af) * beta * dt * dt);
+        double next = -(am * a + w * w * ((1 - af) * u0 + af * u)) / ((1 - am) + w * w * (1 - af) * beta * dt * dt);
         u = u0 + beta * dt * dt * next;
         v = v0 + gamma * dt * next;
         a = next;
@@ -251,8 +243,7 @@ static void test_chain_alpha(void)
         int count = k ? 6 : steps; /* while there is something left */
         step(c.body, dt, count);
         snprintf(name, sizeof name, "dilatational mode of a column, 16 cells, w dt = %g", frequencies[k]);
-        verify(name, "hex8, lumped mass",
-               "exact discrete mode, generalised alpha (Chung and Hulbert 1993), radius 0.5",
+        verify(name, "hex8, lumped mass", "exact discrete mode, generalised alpha (Chung and Hulbert 1993), radius 0.5",
                k ? "tip after 6 steps/(v/w)" : "tip after 60 steps/(v/w)",
                alpha_recursion(0.5, c.frequency, 0.01, dt, count) / size, chain_tip(&c) / size, 1e-8);
         verify_free(c.body, &c.mesh);
@@ -300,9 +291,8 @@ static void test_impact(void)
     static const verify_plane wall = {0, 0};
     double c = sqrt(young / density), h = length / cells, t = 2 * length / c, impulse = 0, mean;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, length, h, h);
-    sb_body *body =
-        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
-                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+    sb_body *body = moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
+                                SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     add_velocity(body, &mesh, flying);
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
     for (int s = 0; s < steps; s++) {
@@ -312,8 +302,8 @@ static void test_impact(void)
     mean = (double)sb_body_momentum(body).x / (density * length * h * h);
     verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: 2 rho A L v",
            "impulse/(rho A L v)", 2, impulse / (density * length * h * h), 0.02);
-    verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8",
-           "Saint-Venant 1867: rebound at 2 L/c", "mean velocity/v", 1, mean, 0.05);
+    verify("bar thrown against a wall, 64 cells, 256 Newmark steps", "hex8", "Saint-Venant 1867: rebound at 2 L/c",
+           "mean velocity/v", 1, mean, 0.05);
     verify_free(body, &mesh);
 }
 
@@ -327,9 +317,8 @@ static void test_step_response(void)
     static const char *name = "bar loaded at once, 64 cells, 64 Newmark steps per L/c";
     double c = sqrt(young / density), h = 1.0 / cells, dt = 2 / c / steps;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
-    sb_body *body =
-        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
-                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
+    sb_body *body = moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), 0, REAL(density)),
+                                SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     sb_vec3 pull = sb_v3(100, 0, 0);
     double unit = 100 / young;
     scene_fix_plane(body, &mesh, 0, 0, SB_X);
@@ -357,9 +346,9 @@ static void wave_case(int axis, const char *name, const char *source)
     double c = sqrt((axis == 0 ? k.lambda + 2 * k.mu : k.mu) / density), h = 1.0 / cells, dt = 1 / c / steps;
     double plateau = 0.1 / (density * c), arrival = 0, last = 0;
     sb_mesh mesh = verify_box(SB_HEX8, cells, 1, 1, 1, h, h);
-    sb_body *body = moving_body(&mesh, verify_element_named("hex8"),
-                                sb_material_linear(REAL(young), REAL(poisson), REAL(density)), SB_NEWMARK,
-                                SB_MASS_LUMPED, 0, 0);
+    sb_body *body =
+        moving_body(&mesh, verify_element_named("hex8"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)),
+                    SB_NEWMARK, SB_MASS_LUMPED, 0, 0);
     sb_vec3 push = axis == 0 ? sb_v3(REAL(0.1), 0, 0) : sb_v3(0, REAL(0.1), 0);
     for (int i = 0; i < mesh.node_count; i++)
         CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ & ~(1 << axis)));
@@ -388,8 +377,7 @@ static void test_wave_speed(void)
 
 /* Frequency (rad/s) of the first oscillation of the node nearest to the far end: zero crossings from the
  * second to the last of `steps`, with Newmark's dispersion taken out. */
-static double measured_frequency(sb_body *body, const sb_mesh *mesh, sb_vec3 probe, int axis, double dt,
-                                 int steps)
+static double measured_frequency(sb_body *body, const sb_mesh *mesh, sb_vec3 probe, int axis, double dt, int steps)
 {
     double last = 0, first_crossing = 0, last_crossing = 0, w;
     int crossings = 0, node = 0;
@@ -440,8 +428,8 @@ static void test_frequencies(void)
         char name[80];
         for (int bending = 0; bending < 2; bending++) {
             sb_mesh mesh = verify_box(element->type, along, across, across, 1, h, h);
-            sb_body *body = moving_body(&mesh, element, sb_material_linear(REAL(young), 0, REAL(density)),
-                                        SB_NEWMARK, SB_MASS_CONSISTENT, 0, 0);
+            sb_body *body = moving_body(&mesh, element, sb_material_linear(REAL(young), 0, REAL(density)), SB_NEWMARK,
+                                        SB_MASS_CONSISTENT, 0, 0);
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
             add_velocity(body, &mesh, bending ? bending_mode : axial_mode);
             w = bending ? pow(1.8751040687119611, 2) * c * h / sqrt(12.0) : VERIFY_PI / 2 * c;
@@ -450,8 +438,7 @@ static void test_frequencies(void)
             verify(name, elements[e],
                    bending ? "Euler-Bernoulli: 1.8751^2 (EI/rho A L^4)^(1/2)" : "pi/2 (E/rho L^2)^(1/2)",
                    "angular frequency (1/s)", w,
-                   measured_frequency(body, &mesh, sb_v3(1, 0, 0), bending ? 2 : 0, 0.15 / w, 80),
-                   bounds[e][bending]);
+                   measured_frequency(body, &mesh, sb_v3(1, 0, 0), bending ? 2 : 0, 0.15 / w, 80), bounds[e][bending]);
             verify_free(body, &mesh);
         }
     }
@@ -466,9 +453,9 @@ static void test_torsional_frequency(void)
     if (!CHECK_OK(sb_mesh_cylinder(SB_TET10, 0, REAL(radius), 1, 4, 8, NULL, &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
-    body = moving_body(&mesh, verify_element_named("tet10"),
-                       sb_material_linear(REAL(young), REAL(poisson), REAL(density)), SB_NEWMARK,
-                       SB_MASS_CONSISTENT, 0, 0);
+    body =
+        moving_body(&mesh, verify_element_named("tet10"), sb_material_linear(REAL(young), REAL(poisson), REAL(density)),
+                    SB_NEWMARK, SB_MASS_CONSISTENT, 0, 0);
     scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
     add_velocity(body, &mesh, torsion_mode);
     verify("torsional frequency of a clamped round bar L/R = 10, 4 cells across, 8 along", "tet10",
@@ -491,8 +478,8 @@ static sb_body *pendulum(sb_mesh *mesh, double stiffness, double angle)
     sb_body *body;
     *mesh = verify_box(SB_HEX8, 10, 1, 1, 1, thickness, thickness);
     body = moving_body(mesh, verify_element_named("hex8"),
-                       sb_material_corotated(REAL(stiffness), REAL(0.3), REAL(density)), SB_NEWMARK,
-                       SB_MASS_CONSISTENT, 0, 0);
+                       sb_material_corotated(REAL(stiffness), REAL(0.3), REAL(density)), SB_NEWMARK, SB_MASS_CONSISTENT,
+                       0, 0);
     for (int i = 0; i < mesh->node_count; i++)
         if (mesh->nodes[i].x == 0 && mesh->nodes[i].z == 0)
             CHECK_OK(sb_body_fix_nodes(body, &i, 1, SB_XYZ));
@@ -508,8 +495,7 @@ static void test_pendulum(void)
     sb_body *body = pendulum(&mesh, 1e9, 0);
     add_velocity(body, &mesh, swung);
     verify("pendulum of E = 1 GPa, 0.01 rad, 10x1x1", "hex8, corotated", "Huygens 1673: (m g d/I)^(1/2)",
-           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200),
-           5e-4);
+           "angular frequency (1/s)", w, measured_frequency(body, &mesh, sb_v3(1, 0, 0), 2, 0.1 / w, 200), 5e-4);
     verify_free(body, &mesh);
 }
 
@@ -543,8 +529,7 @@ static void test_table(void) { verify_table("verification_dynamics"); }
 CHECK_SUITE(verification_dynamics, {"projectile", test_projectile}, {"free spin", test_spin},
             {"chain under Newmark", test_chain_newmark}, {"chain under Euler", test_chain_euler},
             {"chain under central difference", test_chain_explicit},
-            {"chain under generalised alpha", test_chain_alpha}, {"damping", test_damping},
-            {"impact", test_impact}, {"step response", test_step_response}, {"wave speed", test_wave_speed},
-            {"frequencies", test_frequencies}, {"torsional frequency", test_torsional_frequency},
-            {"pendulum", test_pendulum}, {"energy of a pendulum", test_pendulum_energy},
-            {"table", test_table});
+            {"chain under generalised alpha", test_chain_alpha}, {"damping", test_damping}, {"impact", test_impact},
+            {"step response", test_step_response}, {"wave speed", test_wave_speed}, {"frequencies", test_frequencies},
+            {"torsional frequency", test_torsional_frequency}, {"pendulum", test_pendulum},
+            {"energy of a pendulum", test_pendulum_energy}, {"table", test_table});

@@ -33,9 +33,9 @@ static void test_lame(void)
             verify_where where = sphere ? verify_on_sphere : verify_on_cylinder;
             double expected = sphere ? unit * ((1 - 2 * poisson) * a3 + (1 + poisson) * b3 / 2) / (b3 - a3)
                                      : unit * (1 + poisson) * ((1 - 2 * poisson) * a2 + b2) / (b2 - a2);
-            sb_mesh mesh = sphere ? verify_octant(element->type, inner, outer, choice->across, choice->around)
-                                  : verify_block(element->type, choice->across, 2 * choice->around, 1,
-                                                 verify_map_ring, &ring, 0);
+            sb_mesh mesh =
+                sphere ? verify_octant(element->type, inner, outer, choice->across, choice->around)
+                       : verify_block(element->type, choice->across, 2 * choice->around, 1, verify_map_ring, &ring, 0);
             sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
             char name[80];
             verify_hold_symmetry(body, &mesh, sphere ? 3 : 2);
@@ -44,11 +44,9 @@ static void test_lame(void)
             verify_press(body, &mesh, where, &inner, pressure);
             verify_solve(body);
             snprintf(name, sizeof name, "%s b/a = 2 under pressure that follows, %dx%d",
-                     sphere ? "thick sphere" : "thick cylinder", choice->across,
-                     (sphere ? 1 : 2) * choice->around);
-            verify(name, choice->element, sphere ? "Lame 1852" : "Lame 1852, plane strain", "u(a) (m)",
-                   expected, verify_outward(body, &mesh, where, inner),
-                   sphere ? choice->sphere_bound : choice->cylinder_bound);
+                     sphere ? "thick sphere" : "thick cylinder", choice->across, (sphere ? 1 : 2) * choice->around);
+            verify(name, choice->element, sphere ? "Lame 1852" : "Lame 1852, plane strain", "u(a) (m)", expected,
+                   verify_outward(body, &mesh, where, inner), sphere ? choice->sphere_bound : choice->cylinder_bound);
             verify_free(body, &mesh);
         }
 }
@@ -63,12 +61,11 @@ static void balloon_case(const char *name, const verify_element *element, int ac
     sb_body *body = verify_body(&mesh, element, material->make(REAL(young), REAL(poisson), 1000));
     char what[80];
     verify_hold_symmetry(body, &mesh, 3);
-    verify_press(body, &mesh, verify_on_sphere, &inner,
-                 verify_inflation_pressure(material, young, poisson, stretch));
+    verify_press(body, &mesh, verify_on_sphere, &inner, verify_inflation_pressure(material, young, poisson, stretch));
     verify_solve(body);
     snprintf(what, sizeof what, "%s, %s", element->name, material->name);
-    verify(name, what, "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "u(a) (m)",
-           stretch - 1, verify_outward(body, &mesh, verify_on_sphere, inner), bound);
+    verify(name, what, "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "u(a) (m)", stretch - 1,
+           verify_outward(body, &mesh, verify_on_sphere, inner), bound);
     verify_free(body, &mesh);
 }
 
@@ -119,10 +116,10 @@ static void test_closed(void)
         for (int i = 0; i < mesh.node_count; i++)
             work += (double)sb_v3_dot(sb_body_external_forces(body)[i], sb_body_positions(body)[i]);
         verify("pressure on a closed surface, sheared 2x2x2", element->name, "int n dA = 0, int x x n dA = 0",
-               "force and torque/(p m^2)", 0,
-               ((double)sb_v3_norm(force) + (double)sb_v3_norm(torque)) / pressure, exact);
-        verify("pressure on a closed surface, sheared 2x2x2", element->name, "int x . n dA = 3 V",
-               "f . x/(p m^3)", -3, work / pressure, exact);
+               "force and torque/(p m^2)", 0, ((double)sb_v3_norm(force) + (double)sb_v3_norm(torque)) / pressure,
+               exact);
+        verify("pressure on a closed surface, sheared 2x2x2", element->name, "int x . n dA = 3 V", "f . x/(p m^3)", -3,
+               work / pressure, exact);
         free(u);
         verify_free(body, &mesh);
     }
@@ -174,8 +171,7 @@ static void series_case(const verify_element *element, int mapped)
     sb_body *body = bar(&mesh, element);
     count = traction_shares(element, nodes, shares);
     for (int i = 0; i < count; i++) {
-        each[i] =
-            shares[i] > 0 ? REAL(k) * shares[i] : 0; /* tet10 has corners without a share, up to rounding */
+        each[i] = shares[i] > 0 ? REAL(k) * shares[i] : 0; /* tet10 has corners without a share, up to rounding */
         points[i] = sb_v3_add(mesh.nodes[nodes[i]], sb_v3(REAL(far), 0, 0));
         mean = sb_v3_add(mean, sb_v3_scale(shares[i], points[i]));
     }
@@ -194,13 +190,10 @@ static void series_case(const verify_element *element, int mapped)
     CHECK_OK(sb_body_load_force(body, id, sb_v3(0, 0, 0), &force, &torque));
     for (int i = 0; i < mesh.node_count; i++) {
         sb_vec3 u = sb_v3(REAL(expected) * mesh.nodes[i].x, 0, 0);
-        worst =
-            verify_worse(worst, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(body)[i], u)) / expected);
+        worst = verify_worse(worst, (double)sb_v3_norm(sb_v3_sub(sb_body_displacements(body)[i], u)) / expected);
     }
-    const char *name =
-        mapped ? "bar drawn by a mapping of its end's mean" : "bar drawn by springs at its end";
-    verify(name, element->name, "0.3 k/(k + EA/L) EA/L", "force (N)", expected * stiffness, (double)force.x,
-           exact);
+    const char *name = mapped ? "bar drawn by a mapping of its end's mean" : "bar drawn by springs at its end";
+    verify(name, element->name, "0.3 k/(k + EA/L) EA/L", "force (N)", expected * stiffness, (double)force.x, exact);
     verify(name, element->name, "u = x 0.3 k/(k + EA/L)", "largest error of u/u(L)", 0, worst, exact);
     verify_free(body, &mesh);
 }
@@ -256,8 +249,8 @@ static void test_oscillator(void)
     for (int s = 0; s < steps; s++)
         CHECK_OK(sb_body_step(body, REAL(dt), NULL));
     verify("cube swinging on springs, 100 Newmark steps", "hex8", "w^2 = k/m, w_h = 2/dt atan(w dt/2)",
-           "displacement after 2 s (m)", speed / w * sin(steps * turn),
-           (double)sb_body_displacements(body)[0].x, exact);
+           "displacement after 2 s (m)", speed / w * sin(steps * turn), (double)sb_body_displacements(body)[0].x,
+           exact);
     verify_free(body, &mesh);
 }
 
@@ -309,8 +302,8 @@ static void make_periodic(sb_body *body, const sb_mesh *mesh, int along, int acr
 
 /* A laminate of two halves along z: across the layers moduli add as compliances, along them as stiffnesses.
  */
-static void laminate_case(const verify_element *element, int along, int across, const char *name,
-                          const char *source, double expected)
+static void laminate_case(const verify_element *element, int along, int across, const char *name, const char *source,
+                          double expected)
 {
     static const double g = 0.01;
     sb_mesh mesh = verify_box(element->type, 2, 2, 4, 1, 1, 1);
@@ -334,8 +327,7 @@ static void laminate_case(const verify_element *element, int along, int across, 
     make_periodic(body, &mesh, along, across, g);
     verify_solve(body);
     CHECK_OK(sb_body_energy(body, &energy));
-    verify(name, element->name, source, "2 W/(g^2 m^3) (Pa)", expected, 2 * (double)energy.elastic / (g * g),
-           exact);
+    verify(name, element->name, source, "2 W/(g^2 m^3) (Pa)", expected, 2 * (double)energy.elastic / (g * g), exact);
     verify_free(body, &mesh);
 }
 
@@ -386,10 +378,9 @@ static void test_plate(void)
         verify_solve(body);
         verify("couple on a rigid end plate, 4x2x2", elements[e], "Euler-Bernoulli: M L/EI",
                "rotation of the plate (rad)", bending,
-               (double)(sb_body_displacements(body)[top].x - sb_body_displacements(body)[bottom].x) / h,
-               exact);
-        verify("couple on a rigid end plate, 4x2x2", elements[e], "Euler-Bernoulli: M L^2/2EI",
-               "deflection (m)", -bending / 2, (double)sb_body_displacements(body)[bottom].z, exact);
+               (double)(sb_body_displacements(body)[top].x - sb_body_displacements(body)[bottom].x) / h, exact);
+        verify("couple on a rigid end plate, 4x2x2", elements[e], "Euler-Bernoulli: M L^2/2EI", "deflection (m)",
+               -bending / 2, (double)sb_body_displacements(body)[bottom].z, exact);
         verify_free(body, &mesh);
     }
 }
@@ -417,8 +408,7 @@ static void tie_case(const verify_element *element)
     for (int i = split; i < mesh.node_count; i++)
         if (verify_on_plane(&middle, mesh.nodes[i]))
             slaves[slave_count++] = i;
-    CHECK_OK(
-        sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, -1, SB_TIE_ALL, NULL, NULL));
+    CHECK_OK(sb_body_tie_faces(body, faces, face_count, corners, slaves, slave_count, -1, SB_TIE_ALL, NULL, NULL));
     for (int i = 0; i < split; i++) { /* the coarse half is held on rollers */
         sb_vec3 x = mesh.nodes[i];
         int axes = (verify_on_plane(&left, x) ? SB_X : 0) | (x.y == 0 ? SB_Y : 0) | (x.z == 0 ? SB_Z : 0);
@@ -432,8 +422,8 @@ static void tie_case(const verify_element *element)
         u = sb_v3_sub(sb_v3_scale(REAL(young / stress), sb_body_displacements(body)[i]), u);
         worst = verify_worse(worst, (double)sb_v3_norm(u));
     }
-    verify("bar of two tied halves, 2x2 and 4x4 cells across", element->name,
-           "Hooke: u = s/E (x, -nu y, -nu z)", "largest error of u E/s", 0, worst, exact);
+    verify("bar of two tied halves, 2x2 and 4x4 cells across", element->name, "Hooke: u = s/E (x, -nu y, -nu z)",
+           "largest error of u E/s", 0, worst, exact);
     free(faces);
     free(slaves);
     sb_mesh_free(&fine);
@@ -449,7 +439,7 @@ static void test_ties(void)
 
 static void test_table(void) { verify_table("verification_loads"); }
 
-CHECK_SUITE(verification_loads, {"Lame", test_lame}, {"balloon", test_balloon},
-            {"closed surface", test_closed}, {"springs and mappings in series", test_series},
-            {"oscillator", test_oscillator}, {"periodic laminate", test_periodic},
-            {"rigid plate", test_plate}, {"ties", test_ties}, {"table", test_table});
+CHECK_SUITE(verification_loads, {"Lame", test_lame}, {"balloon", test_balloon}, {"closed surface", test_closed},
+            {"springs and mappings in series", test_series}, {"oscillator", test_oscillator},
+            {"periodic laminate", test_periodic}, {"rigid plate", test_plate}, {"ties", test_ties},
+            {"table", test_table});

@@ -1,8 +1,8 @@
-/* Locking: what elements lose of a displacement when the material is nearly incompressible. The same bodies at Poisson's
- * ratios up to 0.4999, on meshes even and distorted: a thick tube and a thick sphere under pressure (Lame) and a block
- * under a patch of pressure. The exact displacements hardly change between 0.45 and 0.4999, so what an element loses on
- * the way is locking, and nothing else: how much is put on record for those that lock, and is bounded for the one that
- * does not. sb_body_check has to know them. */
+/* Locking: what elements lose of a displacement when the material is nearly incompressible. The same bodies at
+ * Poisson's ratios up to 0.4999, on meshes even and distorted: a thick tube and a thick sphere under pressure (Lame)
+ * and a block under a patch of pressure. The exact displacements hardly change between 0.45 and 0.4999, so what an
+ * element loses on the way is locking, and nothing else: how much is put on record for those that lock, and is bounded
+ * for the one that does not. sb_body_check has to know them. */
 #include "verification_scene.h"
 
 static const double young = 1000, pressure = 1;
@@ -140,8 +140,8 @@ static int on_patch(const void *user, sb_vec3 x)
     return (double)x.z > 1 - 1e-6 && (double)x.x < 0.5 + 1e-6 && (double)x.y < 0.5 + 1e-6;
 }
 
-/* Elastic energy (J) of the block in the limit of fine meshes, at poissons[]: extrapolated from B-bar hex8 of 16, 24 and
- * 32 cells per side, whose errors fall with the power 1.6; hex27 of 8 cells per side are within 0.5 % at 0.45. */
+/* Elastic energy (J) of the block in the limit of fine meshes, at poissons[]: extrapolated from B-bar hex8 of 16, 24
+ * and 32 cells per side, whose errors fall with the power 1.6; hex27 of 8 cells per side are within 0.5 % at 0.45. */
 static const double block_energies[POISSONS] = {5.7833e-5, 5.4469e-5, 5.3662e-5, 5.3581e-5};
 
 /* A unit cube, its bottom clamped, rollers on x = 0 and y = 0, pressed on a quarter of its top; 4^3 cells, linear
@@ -173,47 +173,54 @@ typedef struct subject {
     double recorded[2][ELEMENTS][POISSONS]; /* even, distorted */
 } subject;
 
-static const subject subjects[] = {
-    {"thick tube b/a = 3, quarter, 5x9", "Lame 1852, plane strain", "u(a)/exact", tube_error,
-     {{{-0.151, -0.323, -0.491, -0.525},
-       {-0.00215, -0.00605, -0.0289, -0.161},
-       {-0.0723, -0.262, -0.777, -0.972},
-       {-0.016, -0.0162, -0.0162, -0.0162},
-       {-0.00107, -0.00504, -0.0476, -0.333},
-       {-0.00109, -0.00505, -0.0476, -0.333}},
-      {{-0.156, -0.332, -0.508, -0.545},
-       {-0.003, -0.00835, -0.0383, -0.154},
-       {-0.0771, -0.271, -0.78, -0.972},
-       {-0.0181, -0.0187, -0.0188, -0.0189},
-       {-0.0012, -0.0054, -0.0465, -0.288},
-       {-0.00121, -0.00526, -0.0444, -0.254}}}},
-    {"thick sphere b/a = 2, octant, 3 of 3x3x3 (linear 6x6x6)", "Lame 1852", "u(a)/exact", sphere_error,
-     {{{-0.0791, -0.163, -0.24, -0.256},
-       {-0.00584, -0.012, -0.0434, -0.18},
-       {-0.0486, -0.189, -0.695, -0.958},
-       {-0.0107, -0.0109, -0.0109, -0.0109},
-       {-0.00364, -0.0168, -0.144, -0.628},
-       {-0.00364, -0.0168, -0.144, -0.628}},
-      {{-0.0793, -0.166, -0.275, -0.425},
-       {-0.00702, -0.015, -0.0533, -0.202},
-       {-0.0484, -0.184, -0.683, -0.955},
-       {-0.0115, -0.0117, -0.0118, -0.0118},
-       {-0.00382, -0.0173, -0.139, -0.566},
-       {-0.00376, -0.0167, -0.128, -0.448}}}},
-    {"block pressed on a quarter of its top, 4x4x4 (linear 8x8x8)", "extrapolated from B-bar hex8 of 16, 24, 32 cells per side", "energy/that of fine meshes", block_error,
-     {{{-0.0927, -0.183, -0.327, -0.375},
-       {-0.024, -0.0361, -0.0483, -0.0511},
-       {-0.0465, -0.123, -0.425, -0.821},
-       {-0.0184, -0.0188, -0.0189, -0.019},
-       {-0.0183, -0.0335, -0.055, -0.0667},
-       {-0.0157, -0.0312, -0.0526, -0.0599}},
-      {{-0.0966, -0.188, -0.345, -0.482},
-       {-0.0259, -0.0409, -0.0692, -0.137},
-       {-0.0487, -0.127, -0.432, -0.831},
-       {-0.0196, -0.0201, -0.0204, -0.0204},
-       {-0.0188, -0.0341, -0.0596, -0.0953},
-       {-0.0159, -0.0315, -0.0546, -0.0715}}}}
-};
+static const subject subjects[] = {{"thick tube b/a = 3, quarter, 5x9",
+                                    "Lame 1852, plane strain",
+                                    "u(a)/exact",
+                                    tube_error,
+                                    {{{-0.151, -0.323, -0.491, -0.525},
+                                      {-0.00215, -0.00605, -0.0289, -0.161},
+                                      {-0.0723, -0.262, -0.777, -0.972},
+                                      {-0.016, -0.0162, -0.0162, -0.0162},
+                                      {-0.00107, -0.00504, -0.0476, -0.333},
+                                      {-0.00109, -0.00505, -0.0476, -0.333}},
+                                     {{-0.156, -0.332, -0.508, -0.545},
+                                      {-0.003, -0.00835, -0.0383, -0.154},
+                                      {-0.0771, -0.271, -0.78, -0.972},
+                                      {-0.0181, -0.0187, -0.0188, -0.0189},
+                                      {-0.0012, -0.0054, -0.0465, -0.288},
+                                      {-0.00121, -0.00526, -0.0444, -0.254}}}},
+                                   {"thick sphere b/a = 2, octant, 3 of 3x3x3 (linear 6x6x6)",
+                                    "Lame 1852",
+                                    "u(a)/exact",
+                                    sphere_error,
+                                    {{{-0.0791, -0.163, -0.24, -0.256},
+                                      {-0.00584, -0.012, -0.0434, -0.18},
+                                      {-0.0486, -0.189, -0.695, -0.958},
+                                      {-0.0107, -0.0109, -0.0109, -0.0109},
+                                      {-0.00364, -0.0168, -0.144, -0.628},
+                                      {-0.00364, -0.0168, -0.144, -0.628}},
+                                     {{-0.0793, -0.166, -0.275, -0.425},
+                                      {-0.00702, -0.015, -0.0533, -0.202},
+                                      {-0.0484, -0.184, -0.683, -0.955},
+                                      {-0.0115, -0.0117, -0.0118, -0.0118},
+                                      {-0.00382, -0.0173, -0.139, -0.566},
+                                      {-0.00376, -0.0167, -0.128, -0.448}}}},
+                                   {"block pressed on a quarter of its top, 4x4x4 (linear 8x8x8)",
+                                    "extrapolated from B-bar hex8 of 16, 24, 32 cells per side",
+                                    "energy/that of fine meshes",
+                                    block_error,
+                                    {{{-0.0927, -0.183, -0.327, -0.375},
+                                      {-0.024, -0.0361, -0.0483, -0.0511},
+                                      {-0.0465, -0.123, -0.425, -0.821},
+                                      {-0.0184, -0.0188, -0.0189, -0.019},
+                                      {-0.0183, -0.0335, -0.055, -0.0667},
+                                      {-0.0157, -0.0312, -0.0526, -0.0599}},
+                                     {{-0.0966, -0.188, -0.345, -0.482},
+                                      {-0.0259, -0.0409, -0.0692, -0.137},
+                                      {-0.0487, -0.127, -0.432, -0.831},
+                                      {-0.0196, -0.0201, -0.0204, -0.0204},
+                                      {-0.0188, -0.0341, -0.0596, -0.0953},
+                                      {-0.0159, -0.0315, -0.0546, -0.0715}}}}};
 enum { SUBJECTS = (int)(sizeof subjects / sizeof subjects[0]) };
 
 /* Poisson's ratio above which sb_body_check warns of the element. */

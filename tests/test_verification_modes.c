@@ -51,15 +51,12 @@ static void test_chain(void)
             scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
             modes_of(body, 3, consistent ? SB_MASS_CONSISTENT : SB_MASS_LUMPED, 0, w, NULL);
             for (int j = 0; j < 3; j++) {
-                double s = sin((j + 0.5) * VERIFY_PI * h / 2),
-                       modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu;
+                double s = sin((j + 0.5) * VERIFY_PI * h / 2), modulus = axis == 0 ? c.lambda + 2 * c.mu : c.mu;
                 char name[80];
-                snprintf(name, sizeof name, "%s mode %d of a column, 12 cells",
-                         axis ? "shear" : "dilatational", j + 1);
-                verify(name, consistent ? "hex8, consistent mass" : "hex8, lumped mass",
-                       "exact discrete mode", "angular frequency (1/s)",
-                       2 / h * s * sqrt(modulus / density / (consistent ? 1 - 2.0 / 3 * s * s : 1)), w[j],
-                       1e-8);
+                snprintf(name, sizeof name, "%s mode %d of a column, 12 cells", axis ? "shear" : "dilatational", j + 1);
+                verify(name, consistent ? "hex8, consistent mass" : "hex8, lumped mass", "exact discrete mode",
+                       "angular frequency (1/s)",
+                       2 / h * s * sqrt(modulus / density / (consistent ? 1 - 2.0 / 3 * s * s : 1)), w[j], 1e-8);
             }
             verify_free(body, &mesh);
         }
@@ -116,8 +113,7 @@ static void test_bar(void)
         scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
         modes_of(body, 2, SB_MASS_CONSISTENT, 0, w, NULL);
         for (int k = 0; k < 2; k++) {
-            snprintf(name, sizeof name, "axial mode %d of a guided bar, %dx%dx%d", k + 1, r->nx, r->ny,
-                     r->nz);
+            snprintf(name, sizeof name, "axial mode %d of a guided bar, %dx%dx%d", k + 1, r->nx, r->ny, r->nz);
             verify(name, r->element, "(k - 1/2) pi (E/rho L^2)^(1/2)", "angular frequency (1/s)",
                    (k + 0.5) * VERIFY_PI * sqrt(young / density), w[k], r->bound);
         }
@@ -155,9 +151,9 @@ static void test_cantilever(void)
 static void test_free_beam(void)
 {
     static const double h = 0.05, beta[2] = {4.7300407448627040, 7.8532046240958376};
-    static const resolution meshes[] = {{"tet4", 40, 2, 2, -0.25}, {"tet10", 10, 1, 1, 0.025},
+    static const resolution meshes[] = {{"tet4", 40, 2, 2, -0.25},   {"tet10", 10, 1, 1, 0.025},
                                         {"hex8", 40, 2, 2, -0.0476}, {"hex8, B-bar", 40, 2, 2, -0.0476},
-                                        {"hex20", 10, 1, 1, 0.03}, {"hex27", 10, 1, 1, 0.03}};
+                                        {"hex20", 10, 1, 1, 0.03},   {"hex27", 10, 1, 1, 0.03}};
     if (SB_REAL_IS_FLOAT) {
         CHECK_SKIP("rounding in K x is some epsilon (L/h)^4 of the lowest eigenvalue");
         return;
@@ -173,14 +169,13 @@ static void test_free_beam(void)
         for (int k = 0; k < 6; k++)
             rigid = verify_worse(rigid, w[k] / w[6]);
         name_with_mesh(name, sizeof name, "free beam L/h = 20", r);
-        verify(name, r->element, "six rigid motions", "largest of their frequencies/first elastic", 0, rigid,
-               1e-5);
+        verify(name, r->element, "six rigid motions", "largest of their frequencies/first elastic", 0, rigid, 1e-5);
         for (int k = 0; k < 2; k++)
             verify(name, r->element,
                    k ? "Euler-Bernoulli: 7.8532^2 (EI/rho A L^4)^(1/2)"
                      : "Euler-Bernoulli: 4.7300^2 (EI/rho A L^4)^(1/2)",
-                   "angular frequency (1/s)", beta[k] * beta[k] * h * sqrt(young / (12 * density)),
-                   w[6 + 2 * k], r->bound);
+                   "angular frequency (1/s)", beta[k] * beta[k] * h * sqrt(young / (12 * density)), w[6 + 2 * k],
+                   r->bound);
         verify_free(body, &mesh);
     }
 }
@@ -231,11 +226,10 @@ static void test_torsion(void)
         shapes = (sb_vec3 *)malloc((size_t)(MODES * mesh.node_count) * sizeof(sb_vec3));
         scene_fix_plane(body, &mesh, 0, 0, SB_XYZ);
         modes_of(body, MODES, SB_MASS_CONSISTENT, 0, w, shapes);
-        snprintf(name, sizeof name, "torsion of a clamped round bar L/R = 5, %d cells across, %d along",
-                 r->ny, r->nx);
+        snprintf(name, sizeof name, "torsion of a clamped round bar L/R = 5, %d cells across, %d along", r->ny, r->nx);
         verify(name, r->element, "pi/2 (G/rho L^2)^(1/2)", "angular frequency (1/s)",
-               VERIFY_PI / 2 * sqrt(young / (2 * (1 + poisson)) / density),
-               w[turning_mode(&mesh, shapes, MODES)], r->bound);
+               VERIFY_PI / 2 * sqrt(young / (2 * (1 + poisson)) / density), w[turning_mode(&mesh, shapes, MODES)],
+               r->bound);
         free(shapes);
         verify_free(body, &mesh);
     }
@@ -256,17 +250,15 @@ static void test_walls(void)
     static const struct {
         const char *name;
         int first, last;
-    } waves[] = {{"shear (1,1,0), 3 modes", 0, 2},
-                 {"shear (1,1,1), 2 modes", 3, 4},
-                 {"pressure (1,0,0), 3 modes", 5, 7}};
+    } waves[] = {
+        {"shear (1,1,0), 3 modes", 0, 2}, {"shear (1,1,1), 2 modes", 3, 4}, {"pressure (1,0,0), 3 modes", 5, 7}};
     verify_constants c = verify_constants_of(young, poisson);
     const double squares[3] = {2 * c.mu, 3 * c.mu, c.lambda + 2 * c.mu};
     for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++) {
         const resolution *r = meshes + i;
         const verify_element *element = verify_element_named(r->element);
         sb_mesh mesh = verify_box(element->type, r->nx, r->ny, r->nz, 1, 1, 1);
-        sb_body *body =
-            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
+        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
         char name[80];
         double w[8];
         for (int axis = 0; axis < 3; axis++) {
@@ -280,8 +272,8 @@ static void test_walls(void)
             for (int j = waves[k].first; j <= waves[k].last; j++)
                 if (fabs(w[j] - expected) > fabs(worst - expected))
                     worst = w[j];
-            verify(name, r->element, waves[k].name, "angular frequency (1/s), the farthest off", expected,
-                   worst, r->bound);
+            verify(name, r->element, waves[k].name, "angular frequency (1/s), the farthest off", expected, worst,
+                   r->bound);
         }
         verify_free(body, &mesh);
     }
@@ -289,6 +281,6 @@ static void test_walls(void)
 
 static void test_table(void) { verify_table("verification_modes"); }
 
-CHECK_SUITE(verification_modes, {"chain", test_chain}, {"stretched column", test_stretched_column},
-            {"bar", test_bar}, {"cantilever", test_cantilever}, {"free beam", test_free_beam},
-            {"torsion", test_torsion}, {"block between walls", test_walls}, {"table", test_table});
+CHECK_SUITE(verification_modes, {"chain", test_chain}, {"stretched column", test_stretched_column}, {"bar", test_bar},
+            {"cantilever", test_cantilever}, {"free beam", test_free_beam}, {"torsion", test_torsion},
+            {"block between walls", test_walls}, {"table", test_table});

@@ -54,8 +54,7 @@ static double stress_error(const sb_body *body, const sb_material *material, sb_
             if (!CHECK_OK(sb_body_stress(body, e, q, &stress)))
                 return 1;
             for (int k = 0; k < 9; k++)
-                worst = verify_worse(worst,
-                                     fabs((double)(stress.m[k / 3][k % 3] - wanted.m[k / 3][k % 3])) / young);
+                worst = verify_worse(worst, fabs((double)(stress.m[k / 3][k % 3] - wanted.m[k / 3][k % 3])) / young);
         }
     return worst;
 }
@@ -100,8 +99,8 @@ static void test_patch(void)
                 curved = verify_worse(curved, patch_error(element, material, 0));
         }
         if (element->degree > 1 && !element->single_rotation)
-            verify("patch test, curved 3x3x3", element->name, source, "largest error of u/size and stress/E",
-                   0, curved, exact);
+            verify("patch test, curved 3x3x3", element->name, source, "largest error of u/size and stress/E", 0, curved,
+                   exact);
     }
 }
 
@@ -111,8 +110,7 @@ static double traction_patch_error(const verify_element *element)
     static const double stress = 100;
     static const verify_plane left = {0, 0}, right = {0, 1};
     sb_mesh mesh = cube(element->type, 1);
-    sb_body *body =
-        verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
+    sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), REAL(density)));
     sb_vec3 pull = sb_v3(REAL(stress), 0, 0), push = sb_v3(REAL(-stress), 0, 0);
     double worst = 0;
     for (int i = 0; i < mesh.node_count; i++) {
@@ -208,8 +206,8 @@ static void turn_error(const verify_element *element, sb_material material, doub
     CHECK(first > 1 && largest(before) > 1);
     *energy = verify_worse(*energy, fabs(second / first - 1));
     for (int i = 0; i < MOST_NODES; i++)
-        worst = verify_worse(
-            worst, (double)sb_v3_norm(sb_v3_sub(after[i], sb_m3_apply(sb_quat_to_mat3(turn(2)), before[i]))));
+        worst = verify_worse(worst,
+                             (double)sb_v3_norm(sb_v3_sub(after[i], sb_m3_apply(sb_quat_to_mat3(turn(2)), before[i]))));
     *force = verify_worse(*force, worst / largest(before));
 }
 
@@ -229,12 +227,12 @@ static void test_rigid(void)
             forces_of(verify_elements + e, material, 0, 3, forces);
             rest = verify_worse(rest, largest(forces) / young);
         }
-        verify("turned by 2 rad and moved", verify_materials[m].name, "W(Q F) = W(F)",
-               "change of energy, relative", 0, energy, exact);
+        verify("turned by 2 rad and moved", verify_materials[m].name, "W(Q F) = W(F)", "change of energy, relative", 0,
+               energy, exact);
         verify("turned by 2 rad and moved", verify_materials[m].name, "P(Q F) = Q P(F)",
                "change of forces, relative to the largest", 0, force, exact);
-        verify("undeformed, turned by 3 rad", verify_materials[m].name, "P(Q) = 0", "largest force / (E m^2)",
-               0, rest, exact);
+        verify("undeformed, turned by 3 rad", verify_materials[m].name, "P(Q) = 0", "largest force / (E m^2)", 0, rest,
+               exact);
     }
 }
 
@@ -261,8 +259,8 @@ static void test_infinitesimal(void)
         free(u);
         verify_free(body, &mesh);
     }
-    verify("infinitesimal rotation 0.1, -0.2, 0.3", "linear", "sym grad (w x X) = 0",
-           "largest force / (E m^2)", 0, worst, exact);
+    verify("infinitesimal rotation 0.1, -0.2, 0.3", "linear", "sym grad (w x X) = 0", "largest force / (E m^2)", 0,
+           worst, exact);
 }
 
 /* ---- mass and loads ---- */
@@ -291,10 +289,9 @@ static void test_mass(void)
         CHECK_OK(sb_body_energy(body, &energy));
         momentum = sb_body_momentum(body);
         verify("spinning box 2x2x2, consistent mass", verify_elements[e].name, "rho abc (a^2 + b^2) w^2/6",
-               "kinetic energy (J)", density * a * b * c * (a * a + b * b) * w * w / 6,
-               (double)energy.kinetic, exact);
-        verify("spinning box 2x2x2, consistent mass", verify_elements[e].name, "rho abc w a/2",
-               "momentum y (kg m/s)", density * a * b * c * w * a / 2, (double)momentum.y, exact);
+               "kinetic energy (J)", density * a * b * c * (a * a + b * b) * w * w / 6, (double)energy.kinetic, exact);
+        verify("spinning box 2x2x2, consistent mass", verify_elements[e].name, "rho abc w a/2", "momentum y (kg m/s)",
+               density * a * b * c * w * a / 2, (double)momentum.y, exact);
         free(v);
         verify_free(body, &mesh);
     }
@@ -317,21 +314,18 @@ static void test_loads(void)
         body = scene_body(&def);
         verify_move(body, &mesh, verify_on_plane, &left, SB_XYZ, sb_v3(0, 0, 0));
         verify_solve(body);
-        for (int i = 0; i < mesh.node_count;
-             i++) /* supports lie at x = 0: their reactions have no such moment */
+        for (int i = 0; i < mesh.node_count; i++) /* supports lie at x = 0: their reactions have no such moment */
             moment += (double)sb_body_external_forces(body)[i].z * (double)mesh.nodes[i].x;
-        verify("weight of a box 2x2x2", verify_elements[e].name, "rho abc g", "reaction z (N)",
-               density * a * b * c * g, (double)verify_reaction(body, &mesh, verify_on_plane, &left).z,
-               exact);
-        verify("weight of a box 2x2x2", verify_elements[e].name, "-rho abc g a/2",
-               "moment of the loads (N m)", -density * a * b * c * g * a / 2, moment, exact);
+        verify("weight of a box 2x2x2", verify_elements[e].name, "rho abc g", "reaction z (N)", density * a * b * c * g,
+               (double)verify_reaction(body, &mesh, verify_on_plane, &left).z, exact);
+        verify("weight of a box 2x2x2", verify_elements[e].name, "-rho abc g a/2", "moment of the loads (N m)",
+               -density * a * b * c * g * a / 2, moment, exact);
         verify_free(body, &mesh);
     }
 }
 
 static void test_table(void) { verify_table("verification_patch"); }
 
-CHECK_SUITE(verification_patch, {"patch tests", test_patch},
-            {"patch tests by tractions", test_traction_patch}, {"rigid motion", test_rigid},
-            {"infinitesimal rotation", test_infinitesimal}, {"mass", test_mass}, {"loads", test_loads},
-            {"table", test_table});
+CHECK_SUITE(verification_patch, {"patch tests", test_patch}, {"patch tests by tractions", test_traction_patch},
+            {"rigid motion", test_rigid}, {"infinitesimal rotation", test_infinitesimal}, {"mass", test_mass},
+            {"loads", test_loads}, {"table", test_table});

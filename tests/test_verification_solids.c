@@ -17,8 +17,7 @@ typedef struct mesh_choice {
 /* Reference position of an integration point. */
 static sb_vec3 point_position(const sb_mesh *mesh, const sb_body *body, int element, int point)
 {
-    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS],
-        shape[SB_MAX_ELEMENT_NODES];
+    sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS], shape[SB_MAX_ELEMENT_NODES];
     int nodes = sb_element_node_count(mesh->element_type);
     int count = sb_element_quadrature(mesh->element_type, SB_QUADRATURE_STIFFNESS, points, weights);
     sb_vec3 x = sb_v3(0, 0, 0);
@@ -108,8 +107,8 @@ static void test_cylinder(void)
         {"tet4", 12, 24, 0.3, 0.008, 0.15},      {"tet10", 4, 8, 0.3, 2e-6, 0.0025},
         {"hex8", 12, 24, 0.3, 0.0025, 0.1},      {"hex8, B-bar", 12, 24, 0.3, 0.0017, 0.06},
         {"hex20", 4, 8, 0.3, 9e-6, 5e-4},        {"hex27", 4, 8, 0.3, 2e-6, 1.5e-5},
-        {"tet4", 12, 24, 0.4999, -0.21, -0.44},      {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
-        {"hex8", 12, 24, 0.4999, -0.58, -0.58},      {"hex8, B-bar", 12, 24, 0.4999, 0.0018, 0.06},
+        {"tet4", 12, 24, 0.4999, -0.21, -0.44},  {"tet10", 4, 8, 0.4999, 5e-4, 0.011},
+        {"hex8", 12, 24, 0.4999, -0.58, -0.58},  {"hex8, B-bar", 12, 24, 0.4999, 0.0018, 0.06},
         {"hex20", 4, 8, 0.4999, 1.2e-5, 0.0025}, {"hex27", 4, 8, 0.4999, 1e-6, 4e-5}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         if (SB_REAL_IS_FLOAT && choices[i].poisson > 0.4995)
@@ -119,18 +118,16 @@ static void test_cylinder(void)
         static const verify_ring ring = {1, 2, VERIFY_PI / 2, 0.1};
         static const char *source = "Lame 1852, plane strain (Timoshenko and Goodier 1970, sec. 28)";
         lame c = {1, 2, 100, 0};
-        sb_mesh mesh =
-            verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
-        sb_body *body =
-            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
+        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
+        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
         verify_hold_symmetry(body, &mesh, 2);
         hold_everywhere(body, SB_Z);
         verify_load(body, &mesh, verify_on_cylinder, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
-        snprintf(name, sizeof name, "thick cylinder b/a = 2, nu %g, quarter, %dx%d", c.poisson,
-                 choice->across, choice->around);
+        snprintf(name, sizeof name, "thick cylinder b/a = 2, nu %g, quarter, %dx%d", c.poisson, choice->across,
+                 choice->around);
         verify(name, choice->element, source, "u(a) (m)", cylinder_displacement(&c),
                verify_outward(body, &mesh, verify_on_cylinder, c.inner), choice->bound);
         verify(name, choice->element, source,
@@ -156,34 +153,32 @@ static void sphere_stress(const void *user, sb_vec3 at, double stress[3][3])
 static double sphere_displacement(const lame *c)
 {
     double a3 = pow(c->inner, 3), b3 = pow(c->outer, 3);
-    return c->pressure * c->inner / young * ((1 - 2 * c->poisson) * a3 + (1 + c->poisson) * b3 / 2) /
-           (b3 - a3);
+    return c->pressure * c->inner / young * ((1 - 2 * c->poisson) * a3 + (1 + c->poisson) * b3 / 2) / (b3 - a3);
 }
 
 static void test_sphere(void)
 {
     static const mesh_choice choices[] = {
-        {"tet4", 8, 8, 0.3, 0.03, 0.3},       {"tet10", 3, 3, 0.3, 8e-4, 0.05},
-        {"hex8", 8, 8, 0.3, 0.015, 0.25},     {"hex8, B-bar", 8, 8, 0.3, 0.009, 0.12},
-        {"hex20", 3, 3, 0.3, 3e-4, 0.018},    {"hex27", 3, 3, 0.3, 9e-5, 0.018},
-        {"tet4", 8, 8, 0.499, -0.174, -0.377},      {"tet10", 3, 3, 0.499, 0.007, 0.085},
-        {"hex8", 8, 8, 0.499, -0.485, -0.489},          {"hex8, B-bar", 8, 8, 0.499, 0.01, 0.12},
-        {"hex20", 3, 3, 0.499, 0.012, 0.018}, {"hex27", 3, 3, 0.499, 0.012, 0.018}};
+        {"tet4", 8, 8, 0.3, 0.03, 0.3},        {"tet10", 3, 3, 0.3, 8e-4, 0.05},
+        {"hex8", 8, 8, 0.3, 0.015, 0.25},      {"hex8, B-bar", 8, 8, 0.3, 0.009, 0.12},
+        {"hex20", 3, 3, 0.3, 3e-4, 0.018},     {"hex27", 3, 3, 0.3, 9e-5, 0.018},
+        {"tet4", 8, 8, 0.499, -0.174, -0.377}, {"tet10", 3, 3, 0.499, 0.007, 0.085},
+        {"hex8", 8, 8, 0.499, -0.485, -0.489}, {"hex8, B-bar", 8, 8, 0.499, 0.01, 0.12},
+        {"hex20", 3, 3, 0.499, 0.012, 0.018},  {"hex27", 3, 3, 0.499, 0.012, 0.018}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
         static const char *source = "Lame 1852 (Timoshenko and Goodier 1970, sec. 136)";
         lame c = {1, 2, 100, 0};
         sb_mesh mesh = verify_octant(element->type, c.inner, c.outer, choice->across, choice->around);
-        sb_body *body =
-            verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
+        sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(choice->poisson), 1000));
         char name[80];
         c.poisson = choice->poisson;
         verify_hold_symmetry(body, &mesh, 3);
         verify_load(body, &mesh, verify_on_sphere, &c.inner, verify_pressure, &c.pressure);
         verify_solve(body);
-        snprintf(name, sizeof name, "thick sphere b/a = 2, nu %g, octant, 3 of %dx%dx%d", c.poisson,
-                 choice->across, choice->around, choice->around);
+        snprintf(name, sizeof name, "thick sphere b/a = 2, nu %g, octant, 3 of %dx%dx%d", c.poisson, choice->across,
+                 choice->around, choice->around);
         verify(name, choice->element, source, "u(a) (m)", sphere_displacement(&c),
                verify_outward(body, &mesh, verify_on_sphere, c.inner), choice->bound);
         verify(name, choice->element, source,
@@ -230,8 +225,7 @@ static double nodal_stress(const sb_body *body, const sb_mesh *mesh, sb_vec3 x, 
 static void kirsch_stress(const void *user, sb_vec3 at, double stress[3][3])
 {
     const lame *c = (const lame *)user; /* pressure: S */
-    double x = (double)at.x, y = (double)at.y, r2 = 1 / (x * x + y * y), angle = atan2(y, x),
-           half = c->pressure / 2;
+    double x = (double)at.x, y = (double)at.y, r2 = 1 / (x * x + y * y), angle = atan2(y, x), half = c->pressure / 2;
     double radial = half * (1 - r2) + half * (1 - 4 * r2 + 3 * r2 * r2) * cos(2 * angle);
     double hoop = half * (1 + r2) - half * (1 + 3 * r2 * r2) * cos(2 * angle);
     double shear = -half * (1 + 2 * r2 - 3 * r2 * r2) * sin(2 * angle), k = cos(angle), s = sin(angle);
@@ -253,10 +247,9 @@ static sb_vec3 kirsch_traction(const void *user, sb_vec3 x, sb_vec3 n)
 
 static void test_kirsch(void)
 {
-    static const mesh_choice choices[] = {
-        {"tet4", 16, 24, 0.3, 0.018, 0.09}, {"tet10", 6, 8, 0.3, 0.0017, 0.04},
-        {"hex8", 16, 24, 0.3, 0.009, 0.05}, {"hex8, B-bar", 16, 24, 0.3, 0.006, 0.04},
-        {"hex20", 6, 8, 0.3, 8e-4, 0.013},  {"hex27", 6, 8, 0.3, 5e-4, 0.012}};
+    static const mesh_choice choices[] = {{"tet4", 16, 24, 0.3, 0.018, 0.09}, {"tet10", 6, 8, 0.3, 0.0017, 0.04},
+                                          {"hex8", 16, 24, 0.3, 0.009, 0.05}, {"hex8, B-bar", 16, 24, 0.3, 0.006, 0.04},
+                                          {"hex20", 6, 8, 0.3, 8e-4, 0.013},  {"hex27", 6, 8, 0.3, 5e-4, 0.012}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
@@ -264,8 +257,7 @@ static void test_kirsch(void)
         static const verify_plane x_axis = {1, 0};
         static const char *source = "Kirsch 1898, plane strain, exact tractions at r = 5a";
         lame c = {1, 5, 100, 0.3};
-        sb_mesh mesh =
-            verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
+        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, verify_map_ring, &ring, 0);
         sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(c.poisson), 1000));
         double edge = 0;
         char name[80];
@@ -276,8 +268,7 @@ static void test_kirsch(void)
         for (int k = 0; k < mesh.node_count; k++)
             if (verify_on_plane(&x_axis, mesh.nodes[k]) && fabs((double)mesh.nodes[k].x - 1) < 1e-6)
                 edge = (double)sb_body_displacements(body)[k].x;
-        snprintf(name, sizeof name, "plate with a round hole, quarter, %dx%d", choice->across,
-                 choice->around);
+        snprintf(name, sizeof name, "plate with a round hole, quarter, %dx%d", choice->across, choice->around);
         verify(name, choice->element, source, "u at the hole: 3 S a (1 - nu^2)/E (m)",
                3 * c.pressure * (1 - c.poisson * c.poisson) / young, edge, choice->bound);
         verify(name, choice->element, source, "stress error, rms, relative", 0,
@@ -306,9 +297,9 @@ static void goodier_case(const mesh_choice *choice)
     verify_solve(body);
     snprintf(name, sizeof name, "spherical hole in a ball of 10 radii, octant, 3 of %dx%dx%d", choice->across,
              choice->around, choice->around);
-    verify(name, choice->element, "Goodier 1933: (27 - 15 nu)/(14 - 10 nu)",
-           "stress concentration at the equator", (27 - 15 * poisson) / (14 - 10 * poisson),
-           nodal_stress(body, &mesh, sb_v3(1, 0, 0), 2, poisson) / tension, choice->stress_bound);
+    verify(name, choice->element, "Goodier 1933: (27 - 15 nu)/(14 - 10 nu)", "stress concentration at the equator",
+           (27 - 15 * poisson) / (14 - 10 * poisson), nodal_stress(body, &mesh, sb_v3(1, 0, 0), 2, poisson) / tension,
+           choice->stress_bound);
     verify_free(body, &mesh);
 }
 
@@ -381,8 +372,8 @@ static void test_hanging_bar(void)
             u = sb_v3_sub(sb_v3_scale(REAL(1 / strain), sb_body_displacements(body)[i]), u);
             worst = verify_worse(worst, (double)sb_v3_norm(u) / 0.5);
         }
-        verify("hanging bar under its weight, quarter, 2x2x8", element->name,
-               "Timoshenko and Goodier 1970, sec. 96", "largest error of u/stretch", 0, worst,
+        verify("hanging bar under its weight, quarter, 2x2x8", element->name, "Timoshenko and Goodier 1970, sec. 96",
+               "largest error of u/stretch", 0, worst,
                element->degree > 1        ? 1e-8
                : element->type == SB_TET4 ? 0.09
                                           : 0.02);
@@ -432,9 +423,8 @@ static void test_soft_column(void)
         verify_solve(body);
         char what[80];
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
-        verify("soft confined column under its weight, 1x1x8", what,
-               "P(l) = -rho g (L - Z), integrated in the test", "sag of the top (m)", sag,
-               (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1.5e-5);
+        verify("soft confined column under its weight, 1x1x8", what, "P(l) = -rho g (L - Z), integrated in the test",
+               "sag of the top (m)", sag, (double)verify_mean(body, &mesh, verify_on_plane, &top).z, 1.5e-5);
         verify_free(body, &mesh);
     }
 }
@@ -450,20 +440,18 @@ static sb_vec3 map_cook(const void *user, double x, double y, double z)
  * 1/4. */
 static void test_cook(void)
 {
-    static const mesh_choice choices[] = {
-        {"tet4", 32, 32, 0.25, 0.06, 0},   {"tet10", 4, 4, 0.25, 0.036, 0},
-        {"tet10", 12, 12, 0.25, 0.004, 0}, {"hex8", 8, 8, 0.25, -0.0785, 0},
-        {"hex8", 32, 32, 0.25, 0.012, 0},  {"hex8, B-bar", 32, 32, 0.25, 0.009, 0},
-        {"hex20", 4, 4, 0.25, 0.025, 0},   {"hex20", 12, 12, 0.25, 0.004, 0},
-        {"hex27", 4, 4, 0.25, 0.011, 0},   {"hex27", 12, 12, 0.25, 0.0016, 0}};
+    static const mesh_choice choices[] = {{"tet4", 32, 32, 0.25, 0.06, 0},   {"tet10", 4, 4, 0.25, 0.036, 0},
+                                          {"tet10", 12, 12, 0.25, 0.004, 0}, {"hex8", 8, 8, 0.25, -0.0785, 0},
+                                          {"hex8", 32, 32, 0.25, 0.012, 0},  {"hex8, B-bar", 32, 32, 0.25, 0.009, 0},
+                                          {"hex20", 4, 4, 0.25, 0.025, 0},   {"hex20", 12, 12, 0.25, 0.004, 0},
+                                          {"hex27", 4, 4, 0.25, 0.011, 0},   {"hex27", 12, 12, 0.25, 0.0016, 0}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
         static const verify_plane right = {0, 48};
         const mesh_choice *choice = choices + i;
         const verify_element *element = verify_element_named(choice->element);
         sb_vec3 traction = sb_v3(0, REAL(1.0 / 16), 0);
         double thickness = 48.0 / choice->across, tip = 0;
-        sb_mesh mesh =
-            verify_block(element->type, choice->across, choice->around, 1, map_cook, &thickness, 1);
+        sb_mesh mesh = verify_block(element->type, choice->across, choice->around, 1, map_cook, &thickness, 1);
         sb_body *body = verify_body(&mesh, element, sb_material_linear(REAL(15.0 / 16), REAL(0.25), 1000));
         char name[80];
         hold_everywhere(body, SB_Z);
@@ -474,8 +462,8 @@ static void test_cook(void)
             if (verify_on_plane(&right, mesh.nodes[k]) && fabs((double)mesh.nodes[k].y - 52) < 1e-4)
                 tip = (double)sb_body_displacements(body)[k].y;
         snprintf(name, sizeof name, "Cook's membrane, %dx%d", choice->across, choice->around);
-        verify(name, choice->element, "Cook 1974; 23.96 of fine meshes in the literature", "tip deflection",
-               23.96, tip, choice->bound);
+        verify(name, choice->element, "Cook 1974; 23.96 of fine meshes in the literature", "tip deflection", 23.96, tip,
+               choice->bound);
         verify_free(body, &mesh);
     }
 }
@@ -495,8 +483,8 @@ static void bonded_case(const mesh_choice *choice)
     double shape = radius / (2 * h), apparent = young * (1 + 2 * shape * shape), force;
     sb_mesh mesh;
     sb_body *body;
-    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(h), choice->around, choice->across,
-                                   NULL, &mesh, NULL)))
+    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(h), choice->around, choice->across, NULL, &mesh,
+                                   NULL)))
         return;
     verify_round(&mesh, radius);
     body = verify_body(&mesh, element, sb_material_linear(REAL(young), REAL(poisson), 1000));
@@ -504,8 +492,8 @@ static void bonded_case(const mesh_choice *choice)
     verify_move(body, &mesh, verify_on_plane, &end, SB_XYZ, sb_v3(REAL(-strain * h), 0, 0));
     verify_solve(body);
     force = -(double)verify_reaction(body, &mesh, verify_on_plane, &end).x;
-    snprintf(name, sizeof name, "bonded disc R/h = 2, nu %g, %d cells across, %d high", poisson,
-             choice->around, choice->across);
+    snprintf(name, sizeof name, "bonded disc R/h = 2, nu %g, %d cells across, %d high", poisson, choice->around,
+             choice->across);
     verify(name, choice->element, "Gent and Lindley 1959: E (1 + 2 S^2), approximate", "apparent modulus/E",
            1 / (1 / apparent + 1 / c.bulk) / young, force / (VERIFY_PI * radius * radius * strain) / young,
            choice->bound);
@@ -514,10 +502,9 @@ static void bonded_case(const mesh_choice *choice)
 
 static void test_bonded_disc(void)
 {
-    static const mesh_choice choices[] = {
-        {"tet4", 6, 14, 0.499, -1.73, 0},   {"tet10", 4, 10, 0.499, -0.0617, 0},
-        {"hex8", 6, 14, 0.499, -1.59, 0},   {"hex8, B-bar", 6, 14, 0.499, 0.06, 0},
-        {"hex20", 4, 10, 0.499, -0.079, 0}, {"hex27", 4, 10, 0.499, -0.0786, 0}};
+    static const mesh_choice choices[] = {{"tet4", 6, 14, 0.499, -1.73, 0},   {"tet10", 4, 10, 0.499, -0.0617, 0},
+                                          {"hex8", 6, 14, 0.499, -1.59, 0},   {"hex8, B-bar", 6, 14, 0.499, 0.06, 0},
+                                          {"hex20", 4, 10, 0.499, -0.079, 0}, {"hex27", 4, 10, 0.499, -0.0786, 0}};
     for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++)
         bonded_case(choices + i);
 }
@@ -553,8 +540,8 @@ static void balloon_case(const mesh_choice *choice)
     double far = pow(1 + (pow(stretch, 3) - 1) * pow(inner / outer, 3), 1.0 / 3);
     double expected = 1 / (2 * pow(far, 4)) + 2 / far - 1 / (2 * pow(stretch, 4)) - 2 / stretch;
     double area = VERIFY_PI / 2 * pow(inner * stretch, 2);
-    snprintf(name, sizeof name, "thick sphere b/a = 2 inflated to 1.5 a, nu %g, octant, 3 of %dx%dx%d",
-             poisson, choice->across, choice->around, choice->around);
+    snprintf(name, sizeof name, "thick sphere b/a = 2 inflated to 1.5 a, nu %g, octant, 3 of %dx%dx%d", poisson,
+             choice->across, choice->around, choice->around);
     snprintf(what, sizeof what, "%s, neo_hookean_isochoric", choice->element);
     verify(name, what, "Green and Zerna 1954, sec. 3.10 (incompressible)", "pressure/mu", expected,
            inflate(body, &mesh, inner, stretch) / (area * mu), choice->bound);
@@ -580,16 +567,14 @@ static void test_inflation(void)
     const verify_element *element = verify_element_named("tet10");
     for (int m = 0; m < VERIFY_MATERIALS; m++) {
         sb_mesh mesh = verify_octant(element->type, inner, outer, 3, 2);
-        sb_body *body =
-            verify_body(&mesh, element, verify_materials[m].make(REAL(young), REAL(poisson), 1000));
+        sb_body *body = verify_body(&mesh, element, verify_materials[m].make(REAL(young), REAL(poisson), 1000));
         char what[80];
-        double force = verify_inflation_pressure(verify_materials + m, young, poisson, stretch) * stretch *
-                       stretch * VERIFY_PI / 2;
+        double force = verify_inflation_pressure(verify_materials + m, young, poisson, stretch) * stretch * stretch *
+                       VERIFY_PI / 2;
         snprintf(what, sizeof what, "tet10, %s", verify_materials[m].name);
         verify("thick sphere b/a = 2 inflated to 1.1 a, nu 0.3, octant, 3 of 3x2x2", what,
-               "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test",
-               "radial force on the octant (N)", force, inflate(body, &mesh, inner, stretch),
-               verify_materials[m].principal == verify_svk ? 0.002 : 3e-4);
+               "d(R^2 P_r)/dR = 2 R P_t (Ogden 1997), integrated in the test", "radial force on the octant (N)", force,
+               inflate(body, &mesh, inner, stretch), verify_materials[m].principal == verify_svk ? 0.002 : 3e-4);
         verify_free(body, &mesh);
     }
 }
@@ -608,8 +593,8 @@ static void rivlin_case(const mesh_choice *choice)
     sb_mesh mesh;
     sb_body *body;
     sb_vec3 origin = sb_v3(0, 0, 0);
-    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), choice->around,
-                                   choice->across, NULL, &mesh, NULL)))
+    if (!CHECK_OK(sb_mesh_cylinder(element->type, 0, REAL(radius), REAL(length), choice->around, choice->across, NULL,
+                                   &mesh, NULL)))
         return;
     verify_round(&mesh, radius);
     body = verify_body(&mesh, element, verify_make_isochoric(REAL(young), REAL(poisson), 1000));
@@ -625,12 +610,11 @@ static void rivlin_case(const mesh_choice *choice)
              choice->around);
     snprintf(what, sizeof what, "%s, neo_hookean_isochoric", choice->element);
     verify(name, what, "Rivlin 1949 (incompressible)", "torque/(mu R^3)", VERIFY_PI * twist / 2,
-           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x /
-               mu,
+           (double)verify_torque(body, &mesh, verify_on_plane, &right, origin, sb_body_positions(body)).x / mu,
            choice->bound);
     verify(name, what, "Rivlin 1949 (incompressible), Poynting effect", "axial force/(mu R^2)",
-           -VERIFY_PI * twist * twist / 4,
-           (double)verify_reaction(body, &mesh, verify_on_plane, &right).x / mu, choice->stress_bound);
+           -VERIFY_PI * twist * twist / 4, (double)verify_reaction(body, &mesh, verify_on_plane, &right).x / mu,
+           choice->stress_bound);
     verify_free(body, &mesh);
 }
 
@@ -649,6 +633,6 @@ static void test_table(void) { verify_table("verification_solids"); }
 CHECK_SUITE(verification_solids, {"thick cylinder", test_cylinder}, {"thick sphere", test_sphere},
             {"plate with a hole", test_kirsch}, {"spherical hole", test_goodier},
             {"confined column", test_confined_column}, {"hanging bar", test_hanging_bar},
-            {"soft column", test_soft_column}, {"Cook's membrane", test_cook},
-            {"bonded disc", test_bonded_disc}, {"incompressible balloon", test_balloon},
-            {"inflated spheres", test_inflation}, {"finite torsion", test_rivlin}, {"table", test_table});
+            {"soft column", test_soft_column}, {"Cook's membrane", test_cook}, {"bonded disc", test_bonded_disc},
+            {"incompressible balloon", test_balloon}, {"inflated spheres", test_inflation},
+            {"finite torsion", test_rivlin}, {"table", test_table});

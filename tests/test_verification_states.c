@@ -72,16 +72,16 @@ static double displacement_error(const sb_body *body, const sb_mesh *mesh, const
         const double at[3] = {(double)x.x, (double)x.y, (double)x.z};
         const double found[3] = {(double)now.x, (double)now.y, (double)now.z};
         for (int r = 0; r < 3; r++)
-            worst = verify_worse(
-                worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
+            worst =
+                verify_worse(worst, fabs(found[r] - G[3 * r] * at[0] - G[3 * r + 1] * at[1] - G[3 * r + 2] * at[2]));
     }
     return worst;
 }
 
 /* Solves one state; the cube's faces through the origin are on rollers. Checks displacements and energy, and
  * returns the reaction along axis 0. */
-static double solve_state(const verify_element *element, sb_material material, const state *s,
-                          const double l[3], double energy)
+static double solve_state(const verify_element *element, sb_material material, const state *s, const double l[3],
+                          double energy)
 {
     const double G[9] = {l[0], 0, 0, 0, l[1], 0, 0, 0, l[2]};
     sb_mesh mesh = distorted_cube(element);
@@ -123,8 +123,7 @@ static void verify_state(const verify_material *material, const state *s)
         if (e == 0 || fabs(force - stress[0]) > fabs(worst - stress[0]))
             worst = force;
     }
-    verify(s->name, material->name, s->source, "force on a face of 1 m^2 (N); shape, W too", stress[0], worst,
-           bound);
+    verify(s->name, material->name, s->source, "force on a face of 1 m^2 (N); shape, W too", stress[0], worst, bound);
 }
 
 static void test_principal(void)
@@ -177,8 +176,8 @@ static void test_simple_shear(void)
                 if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
                     worst[k] = found[k];
         }
-        verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2", "P_12 (Pa)", expected[0],
-               worst[0], bound);
+        verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2", "P_12 (Pa)", expected[0], worst[0],
+               bound);
         verify("simple shear 0.5", material->name, "P of F = I + g e1 (x) e2; Poynting effect", "P_22/mu",
                expected[1] / mu, worst[1] / mu, bound);
     }
@@ -237,12 +236,12 @@ static double fibre_free(const void *user, double stretch)
     return stress[1 - s.held];
 }
 
-static sb_body *fibre_body(const sb_mesh *mesh, const verify_element *element, const verify_material *matrix,
-                           double x, double y)
+static sb_body *fibre_body(const sb_mesh *mesh, const verify_element *element, const verify_material *matrix, double x,
+                           double y)
 {
-    sb_body_def def = verify_def(mesh, element,
-                                 sb_material_with_fibres(matrix->make(REAL(young), REAL(poisson), REAL(1000)),
-                                                         REAL(fibre_k1), REAL(fibre_k2)));
+    sb_body_def def = verify_def(
+        mesh, element,
+        sb_material_with_fibres(matrix->make(REAL(young), REAL(poisson), REAL(1000)), REAL(fibre_k1), REAL(fibre_k2)));
     sb_vec3 *fibres = (sb_vec3 *)malloc((size_t)mesh->element_count * sizeof(sb_vec3));
     sb_body *body;
     for (int e = 0; e < mesh->element_count; e++)
@@ -328,10 +327,10 @@ static void test_fibre_shear(void)
                 if (e == 0 || fabs(found[k] - expected[k]) > fabs(worst[k] - expected[k]))
                     worst[k] = found[k];
         }
-        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
-               "P_12 (Pa)", expected[0], worst[0], bound);
-        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a",
-               "P_22 (Pa)", expected[1], worst[1], bound);
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a", "P_12 (Pa)",
+               expected[0], worst[0], bound);
+        verify("fibres at 30 degrees, simple shear 0.5", matrix->name, "P += 2 W'(I4) (F a) (x) a", "P_22 (Pa)",
+               expected[1], worst[1], bound);
     }
 }
 

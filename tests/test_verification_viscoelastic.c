@@ -19,8 +19,7 @@ static sb_material relaxing(const verify_material *material)
         times[i] = REAL(tau[i]);
     }
     /* as good as without inertia */
-    return sb_material_with_prony(material->make(REAL(young), REAL(poisson), REAL(1e-9)), shares, times,
-                                  TERMS);
+    return sb_material_with_prony(material->make(REAL(young), REAL(poisson), REAL(1e-9)), shares, times, TERMS);
 }
 
 static double relaxation(double t)
@@ -91,8 +90,7 @@ static double mean_stress(const sb_body *body, const sb_mesh *mesh, int i, int j
 {
     double sum = 0;
     for (int n = 0; n < mesh->node_count; n++)
-        sum += (double)scene_component(sb_body_reactions(body)[n], i) *
-               (double)scene_component(mesh->nodes[n], j);
+        sum += (double)scene_component(sb_body_reactions(body)[n], i) * (double)scene_component(mesh->nodes[n], j);
     return sum;
 }
 
@@ -101,8 +99,8 @@ static double mean_stress(const sb_body *body, const sb_mesh *mesh, int i, int j
 static const double stretch[3] = {1.3, 0.9, 0.95};
 
 /* Stress P_11 at times[0 .. count) after the stretches came at once. */
-static void relax(const verify_element *element, const verify_material *material, const double *times,
-                  int count, double *stress)
+static void relax(const verify_element *element, const verify_material *material, const double *times, int count,
+                  double *stress)
 {
     const double G[3][3] = {{stretch[0], 0, 0}, {0, stretch[1], 0}, {0, 0, stretch[2]}};
     sb_mesh mesh = distorted_cube(element->type);
@@ -144,8 +142,8 @@ static void test_relaxation(void)
         for (int k = 0; k < TIMES; k++) {
             char name[80];
             snprintf(name, sizeof name, "stretches 1.3, 0.9, 0.95 at once, after %g s", times[k]);
-            verify(name, material->name, "P with K and mu g(t), g(t) = 1 - sum g_i (1 - exp(-t/tau_i))",
-                   "P_11 (Pa)", expected[k], worst[k], exact);
+            verify(name, material->name, "P with K and mu g(t), g(t) = 1 - sum g_i (1 - exp(-t/tau_i))", "P_11 (Pa)",
+                   expected[k], worst[k], exact);
         }
     }
 }
@@ -180,8 +178,8 @@ static void test_ramp(void)
         for (int i = 0; i < TERMS; i++)
             expected += g[i] * tau[i] * (1 - exp(-t / tau[i]));
         verify("shear growing evenly for 0.75 s, 4 uneven steps", element->name,
-               "int g(t - s) ds = g_inf t + sum g_i tau_i (1 - exp(-t/tau_i))", "P_12/(mu rate) (s)",
-               expected, found / (mu * rate), exact);
+               "int g(t - s) ds = g_inf t + sum g_i tau_i (1 - exp(-t/tau_i))", "P_12/(mu rate) (s)", expected,
+               found / (mu * rate), exact);
         verify_free(body, &mesh);
     }
 }
@@ -210,8 +208,7 @@ static void test_creep(void)
         sb_body *body = make_body(&mesh, element, sb_material_with_prony(material, &g1, &tau1, 1));
         sb_vec3 shear = sb_v3(REAL(traction * mu), 0, 0);
         for (int i = 0; i < mesh.node_count; i++)
-            CHECK_OK(sb_body_fix_nodes(body, &i, 1,
-                                       verify_on_plane(&bottom, mesh.nodes[i]) ? SB_XYZ : SB_Y | SB_Z));
+            CHECK_OK(sb_body_fix_nodes(body, &i, 1, verify_on_plane(&bottom, mesh.nodes[i]) ? SB_XYZ : SB_Y | SB_Z));
         verify_load(body, &mesh, verify_on_plane, &top, verify_uniform, &shear);
         solve(body, 1);
         start = (double)verify_mean(body, &mesh, verify_on_plane, &top).x / traction;
@@ -220,8 +217,8 @@ static void test_creep(void)
         found[k] = (double)verify_mean(body, &mesh, verify_on_plane, &top).x / traction;
         verify_free(body, &mesh);
     }
-    verify("creep of one term, g = 0.5, tau = 0.4 s, small shear", "hex8", "s/mu", "shear at once/(s/mu)", 1,
-           start, exact);
+    verify("creep of one term, g = 0.5, tau = 0.4 s, small shear", "hex8", "s/mu", "shear at once/(s/mu)", 1, start,
+           exact);
     verify("creep of one term, g = 0.5, tau = 0.4 s, small shear, 40 steps", "hex8",
            "1/(1 - g) (1 - g exp(-(1 - g) t/tau))", "shear after 1 s/(s/mu)", expected, found[1], 3e-5);
     verify("creep of one term, g = 0.5, tau = 0.4 s, small shear, 20 and 40 steps", "hex8",
@@ -281,8 +278,8 @@ static void test_moduli(void)
         snprintf(name, sizeof name, "small shear sin(w t), w = %g/s, 48 steps per period", frequencies[k]);
         verify(name, "tet4, neo_hookean_isochoric", "Ferry 1980: g_inf + sum g_i (w tau)^2/(1 + (w tau)^2)",
                "storage modulus/mu", expected[0], found[0], bounds[k]);
-        verify(name, "tet4, neo_hookean_isochoric", "Ferry 1980: sum g_i w tau/(1 + (w tau)^2)",
-               "loss modulus/mu", expected[1], found[1], bounds[k]);
+        verify(name, "tet4, neo_hookean_isochoric", "Ferry 1980: sum g_i w tau/(1 + (w tau)^2)", "loss modulus/mu",
+               expected[1], found[1], bounds[k]);
     }
 }
 
@@ -304,8 +301,7 @@ static double lateral_stress(const void *user, double side)
 }
 
 /* Force on the unit cube pulled to 1.3 with free sides, and its side stretch. */
-static void pull(const verify_element *element, const verify_material *material, int instantaneous,
-                 double found[2])
+static void pull(const verify_element *element, const verify_material *material, int instantaneous, double found[2])
 {
     static const double axial = 1.3;
     static const verify_plane ends[2] = {{0, 1}, {1, 1}};
@@ -324,13 +320,11 @@ static void test_limits(void)
 {
     for (int m = 0; m < VERIFY_MATERIALS; m++)
         for (int instantaneous = 0; instantaneous < 2 && relaxes(verify_materials + m); instantaneous++) {
-            const char *name =
-                instantaneous ? "uniaxial 1.3, static, at once" : "uniaxial 1.3, static, long after";
+            const char *name = instantaneous ? "uniaxial 1.3, static, at once" : "uniaxial 1.3, static, long after";
             const char *source = instantaneous ? "Ogden 1997, P_2 = P_3 = 0, with mu"
                                                : "Ogden 1997, P_2 = P_3 = 0, with K and mu (1 - sum g_i)";
             lateral c = {verify_materials + m, instantaneous ? 1 : 1 - g[0] - g[1], 1.3};
-            double side = verify_root(lateral_stress, &c, 0.6, 1.1), worst[2] = {0, 0}, expected[2],
-                   stress[3];
+            double side = verify_root(lateral_stress, &c, 0.6, 1.1), worst[2] = {0, 0}, expected[2], stress[3];
             const double l[3] = {c.axial, side, side};
             c.material->principal(constants_at(c.share), l, stress);
             expected[0] = worst[0] = stress[0];
@@ -344,14 +338,12 @@ static void test_limits(void)
                     if (!(fabs(found[k] - expected[k]) <= fabs(worst[k] - expected[k])))
                         worst[k] = found[k];
             }
-            verify(name, c.material->name, source, "force on a face of 1 m^2 (N)", expected[0], worst[0],
-                   exact);
+            verify(name, c.material->name, source, "force on a face of 1 m^2 (N)", expected[0], worst[0], exact);
             verify(name, c.material->name, source, "side stretch", expected[1], worst[1], exact);
         }
 }
 
 static void test_table(void) { verify_table("verification_viscoelastic"); }
 
-CHECK_SUITE(verification_viscoelastic, {"relaxation", test_relaxation}, {"ramp", test_ramp},
-            {"creep", test_creep}, {"storage and loss", test_moduli}, {"limits", test_limits},
-            {"table", test_table});
+CHECK_SUITE(verification_viscoelastic, {"relaxation", test_relaxation}, {"ramp", test_ramp}, {"creep", test_creep},
+            {"storage and loss", test_moduli}, {"limits", test_limits}, {"table", test_table});

@@ -234,7 +234,8 @@ static void test_creep(void)
     double end = 1, expected = 2e-5 - 1e-5 * exp(-end / 0.8), start;
     double coarse = creep(20, end, &start) - expected, fine = creep(40, end, &start) - expected;
     CHECK_NEAR(start / 1e-5, 1, scene_tolerance(1e-8, 1e3));
-    printf("  creep to %.4g, error %.2g of it with 20 steps, %.2g with 40\n", expected, coarse / expected, fine / expected);
+    printf("  creep to %.4g, error %.2g of it with 20 steps, %.2g with 40\n", expected, coarse / expected,
+           fine / expected);
     CHECK_NEAR(fine / expected, 0, scene_tolerance(2e-4, 3e4));
     if (!SB_REAL_IS_FLOAT)
         CHECK_NEAR(coarse / fine, 4, 0.3);
@@ -257,8 +258,9 @@ static void test_long_term(void)
             sb_body *body = visco_body(&mesh, with_prony(model_of(model, 1, 1e-9)), 0);
             for (int s = 1; s <= pieces[way]; s++) {
                 double share = (double)s / pieces[way];
-                prescribe_affine(body, &mesh, sb_m3_add(sb_m3_scale(REAL(share), f),
-                                                        sb_m3_scale(REAL(1 - share), sb_m3_identity())));
+                prescribe_affine(
+                    body, &mesh,
+                    sb_m3_add(sb_m3_scale(REAL(share), f), sb_m3_scale(REAL(1 - share), sb_m3_identity())));
                 CHECK_OK(sb_body_step(body, REAL(1.0 / pieces[way]), NULL));
             }
             prescribe_affine(body, &mesh, f);
@@ -348,7 +350,8 @@ static void test_swing_dies(void)
             left[viscous] = ((double)energy.kinetic + (double)energy.elastic) / first;
             sb_body_destroy(body);
         }
-        printf("  %s: %.2g of the energy left, %.2g with Prony terms\n", newmark ? "Newmark" : "Euler", left[0], left[1]);
+        printf("  %s: %.2g of the energy left, %.2g with Prony terms\n", newmark ? "Newmark" : "Euler", left[0],
+               left[1]);
         CHECK(left[1] < 0.6 * left[0] && left[1] >= 0);
         if (newmark)
             CHECK(left[0] > 0.9);
@@ -611,7 +614,8 @@ static void test_fibres_solve(void)
     options.tolerance = REAL(1e-12);
     CHECK_OK(sb_body_solve_static(body, &options, &info));
     CHECK(info.newton_iterations <= 12);
-    lateral = 1 + (double)sb_body_displacements(body)[mesh.node_count - 1].y / (double)mesh.nodes[mesh.node_count - 1].y;
+    lateral =
+        1 + (double)sb_body_displacements(body)[mesh.node_count - 1].y / (double)mesh.nodes[mesh.node_count - 1].y;
     for (int i = 0; i < mesh.node_count; i++)
         if (mesh.nodes[i].x > REAL(0.999))
             force += (double)sb_body_reactions(body)[i].x;

@@ -40,9 +40,9 @@ static inline void beam_add_tet(sb_matrix *a, const sb_vec3 *positions, const in
             double dot = g[i][0] * g[j][0] + g[i][1] * g[j][1] + g[i][2] * g[j][2];
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
-                    block[3 * r + c] += (sb_real)(factor * volume *
-                                                  (lambda * g[i][r] * g[j][c] + mu * g[j][r] * g[i][c] +
-                                                   (r == c ? mu * dot : 0)));
+                    block[3 * r + c] +=
+                        (sb_real)(factor * volume *
+                                  (lambda * g[i][r] * g[j][c] + mu * g[j][r] * g[i][c] + (r == c ? mu * dot : 0)));
         }
         for (int r = 0; r < 3; r++)
             a->blocks[a->diagonal[tet[i]]][4 * r] += (sb_real)(mass * volume / 4);

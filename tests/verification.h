@@ -12,7 +12,7 @@
 enum { VERIFY_MOST_ROWS = 400, VERIFY_LINE = 512 };
 
 typedef struct verify_row {
-    char text[VERIFY_LINE]; /* case, element and material, source, quantity: what the file must agree with */
+    char text[VERIFY_LINE];    /* case, element and material, source, quantity: what the file must agree with */
     char numbers[VERIFY_LINE]; /* expected, computed, error today */
     char bound[96];
 } verify_row;
@@ -42,8 +42,7 @@ static inline void verify_add_row(const char *name, const char *what, const char
     verify_print(found, sizeof found, error < 1e-9 ? 6 : 5, error < 1e-9 ? expected : computed, scale);
     snprintf(rounded, sizeof rounded, "%.0e", error);
     snprintf(row->text, sizeof row->text, "| %s | %s | %s | %s |", name, what, source, quantity);
-    snprintf(row->numbers, sizeof row->numbers, " %s | %s | %s |", wanted, found,
-             error < 1e-9 ? "< 1e-9" : rounded);
+    snprintf(row->numbers, sizeof row->numbers, " %s | %s | %s |", wanted, found, error < 1e-9 ? "< 1e-9" : rounded);
     snprintf(row->bound, sizeof row->bound, " %s |", bound);
 }
 
@@ -52,8 +51,8 @@ static inline void verify_add_row(const char *name, const char *what, const char
  * build gets 3e4 of its epsilons on top, which in double is nothing (7e-12).
  * A negative bound is minus the error on record of an element that is too stiff in this case: the error has to
  * be within a quarter of it, so that neither a stiffer answer nor a cure passes unseen. */
-static inline int verify(const char *name, const char *what, const char *source, const char *quantity,
-                         double expected, double computed, double bound)
+static inline int verify(const char *name, const char *what, const char *source, const char *quantity, double expected,
+                         double computed, double bound)
 {
     double scale = expected != 0 ? fabs(expected) : 1, error = fabs(computed - expected) / scale;
     double least = bound < 0 ? -0.75 * bound : 0, most = bound < 0 ? -1.25 * bound : bound;
@@ -126,8 +125,7 @@ static inline void verify_table(const char *suite)
     snprintf(heading, sizeof heading, "## %s", suite);
     while (fgets(line, (int)sizeof line, file)) {
         if (line[0] == '#')
-            inside =
-                strncmp(line, heading, strlen(heading)) == 0 && strchr("\r\n", line[strlen(heading)]) != NULL;
+            inside = strncmp(line, heading, strlen(heading)) == 0 && strchr("\r\n", line[strlen(heading)]) != NULL;
         if (!inside || line[0] != '|' || line[1] == '-' || strncmp(line, "| case |", 8) == 0)
             continue;
         if (same && !verify_row_is(row, line)) {
@@ -140,8 +138,7 @@ static inline void verify_table(const char *suite)
     }
     fclose(file);
     if (!CHECK_INT(row, verify_row_count) || !CHECK(same))
-        printf("tests/verification.md is out of date (or a part of %s was left out): make verification\n",
-               suite);
+        printf("tests/verification.md is out of date (or a part of %s was left out): make verification\n", suite);
 }
 
 #endif /* VERIFICATION_H */

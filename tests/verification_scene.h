@@ -18,14 +18,13 @@ typedef struct verify_element {
     int degree; /* the complete polynomials it holds */
 } verify_element;
 
-static const verify_element verify_elements[] = {
-    {"tet4", SB_TET4, SB_INTEGRATION_AUTO, 0, 1},
-    {"tet10", SB_TET10, SB_INTEGRATION_AUTO, 0, 2},
-    {"tet10, single rotation", SB_TET10, SB_INTEGRATION_AUTO, 1, 2},
-    {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1},
-    {"hex8, B-bar", SB_HEX8, SB_INTEGRATION_BBAR, 0, 1},
-    {"hex20", SB_HEX20, SB_INTEGRATION_AUTO, 0, 2},
-    {"hex27", SB_HEX27, SB_INTEGRATION_AUTO, 0, 2}};
+static const verify_element verify_elements[] = {{"tet4", SB_TET4, SB_INTEGRATION_AUTO, 0, 1},
+                                                 {"tet10", SB_TET10, SB_INTEGRATION_AUTO, 0, 2},
+                                                 {"tet10, single rotation", SB_TET10, SB_INTEGRATION_AUTO, 1, 2},
+                                                 {"hex8", SB_HEX8, SB_INTEGRATION_AUTO, 0, 1},
+                                                 {"hex8, B-bar", SB_HEX8, SB_INTEGRATION_BBAR, 0, 1},
+                                                 {"hex20", SB_HEX20, SB_INTEGRATION_AUTO, 0, 2},
+                                                 {"hex27", SB_HEX27, SB_INTEGRATION_AUTO, 0, 2}};
 enum { VERIFY_ELEMENTS = (int)(sizeof verify_elements / sizeof verify_elements[0]) };
 
 static inline const verify_element *verify_element_named(const char *name)
@@ -185,8 +184,8 @@ static inline void verify_mooney_shear(verify_constants c, double g, double stre
 static inline sb_material verify_make_mooney_rivlin(sb_real young, sb_real poisson, sb_real density)
 {
     verify_constants c = verify_constants_of((double)young, (double)poisson);
-    return sb_material_mooney_rivlin(REAL((1 - verify_mooney_share) * c.mu / 2),
-                                     REAL(verify_mooney_share * c.mu / 2), REAL(2 / c.bulk), density);
+    return sb_material_mooney_rivlin(REAL((1 - verify_mooney_share) * c.mu / 2), REAL(verify_mooney_share * c.mu / 2),
+                                     REAL(2 / c.bulk), density);
 }
 
 /* W = sum_i ci0 (J^(-2/3) I1 - 3)^i + K/2 (J - 1)^2, c10 = mu/2: in the stress the factor 2 sum_i i ci0
@@ -228,8 +227,7 @@ static inline void verify_polynomial_3_shear(verify_constants c, double g, doubl
 static inline sb_material verify_make_polynomial_2(sb_real young, sb_real poisson, sb_real density)
 {
     verify_constants c = verify_constants_of((double)young, (double)poisson);
-    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), 0, REAL(2 / c.bulk),
-                                          density);
+    return sb_material_reduced_polynomial(REAL(c.mu / 2), REAL(verify_c20 * c.mu), 0, REAL(2 / c.bulk), density);
 }
 static inline sb_material verify_make_polynomial_3(sb_real young, sb_real poisson, sb_real density)
 {
@@ -285,8 +283,7 @@ typedef struct verify_lattice {
 
 static inline sb_vec3 verify_mapped(const verify_lattice *l, const int at[3])
 {
-    return l->map(l->user, at[0] / (2.0 * l->cells[0]), at[1] / (2.0 * l->cells[1]),
-                  at[2] / (2.0 * l->cells[2]));
+    return l->map(l->user, at[0] / (2.0 * l->cells[0]), at[1] / (2.0 * l->cells[1]), at[2] / (2.0 * l->cells[2]));
 }
 
 /* The node with shape parameters xi of an element with the given corners; made when it is new. */
@@ -315,12 +312,11 @@ static inline int verify_node(verify_lattice *l, int (*corner)[3], int corners, 
 
 /* n[0] x n[1] x n[2] cells of any volume type; nodes between corners lie on the image (curved sides), or
  * straight between their corners. */
-static inline sb_mesh verify_block(sb_element_type type, int nx, int ny, int nz, verify_map map,
-                                   const void *user, int straight)
+static inline sb_mesh verify_block(sb_element_type type, int nx, int ny, int nz, verify_map map, const void *user,
+                                   int straight)
 {
     const int n[3] = {nx, ny, nz};
-    int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type),
-        parts = corners == 8 ? 1 : 6;
+    int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), parts = corners == 8 ? 1 : 6;
     size_t slots = (size_t)(2 * nx + 1) * (size_t)(2 * ny + 1) * (size_t)(2 * nz + 1);
     verify_lattice l;
     int *element;
@@ -370,8 +366,7 @@ static inline sb_vec3 verify_map_distorted(const void *user, double x, double y,
                  REAL(z + bump * sin(3 * x - 6 * y + 7 * z + 1)));
 }
 
-static inline sb_mesh verify_box(sb_element_type type, int nx, int ny, int nz, double lx, double ly,
-                                 double lz)
+static inline sb_mesh verify_box(sb_element_type type, int nx, int ny, int nz, double lx, double ly, double lz)
 {
     const double size[3] = {lx, ly, lz};
     return verify_block(type, nx, ny, nz, verify_map_box, size, 1);
@@ -411,8 +406,7 @@ typedef struct verify_shell {
 
 static inline sb_vec3 verify_shell_point(const verify_shell *shell, double r, double y, double z)
 {
-    double direction[3], b = tan(y * VERIFY_PI / 4), c = tan(z * VERIFY_PI / 4),
-                         length = sqrt(1 + b * b + c * c);
+    double direction[3], b = tan(y * VERIFY_PI / 4), c = tan(z * VERIFY_PI / 4), length = sqrt(1 + b * b + c * c);
     direction[shell->axis] = r / length;
     direction[(shell->axis + 1) % 3] = r * b / length;
     direction[(shell->axis + 2) % 3] = r * c / length;
@@ -468,8 +462,7 @@ static inline sb_mesh verify_octant(sb_element_type type, double inner, double o
 
 /* Moves nodes between corners on the surface of a cylinder around axis x out to it, so that its sides are
  * curved: `count` nodes of one element, of which the last lies between the others. */
-static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count,
-                                     double radius)
+static inline void verify_round_node(sb_mesh *mesh, const int *element, const int *nodes, int count, double radius)
 {
     int surface = 1;
     for (int i = 0; i + 1 < count; i++) {
@@ -571,8 +564,7 @@ static inline int verify_on_cylinder(const void *user, sb_vec3 x)
 }
 
 /* Sum of the reactions at the nodes there. */
-static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, verify_where where,
-                                      const void *user)
+static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_count; i++)
@@ -582,8 +574,8 @@ static inline sb_vec3 verify_reaction(const sb_body *body, const sb_mesh *mesh, 
 }
 
 /* Sum of the torques of these reactions about `centre`, the nodes being at x. */
-static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, verify_where where,
-                                    const void *user, sb_vec3 centre, const sb_vec3 *x)
+static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
+                                    sb_vec3 centre, const sb_vec3 *x)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     for (int i = 0; i < mesh->node_count; i++)
@@ -593,8 +585,8 @@ static inline sb_vec3 verify_torque(const sb_body *body, const sb_mesh *mesh, ve
 }
 
 /* Moves the nodes there, along `axes`, by one displacement. */
-static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user,
-                               int axes, sb_vec3 displacement)
+static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where where, const void *user, int axes,
+                               sb_vec3 displacement)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (where(user, mesh->nodes[i]))
@@ -602,8 +594,7 @@ static inline void verify_move(sb_body *body, const sb_mesh *mesh, verify_where 
 }
 
 /* Mean displacement of the nodes there. */
-static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, verify_where where,
-                                  const void *user)
+static inline sb_vec3 verify_mean(const sb_body *body, const sb_mesh *mesh, verify_where where, const void *user)
 {
     sb_vec3 sum = sb_v3(0, 0, 0);
     int count = 0;
@@ -648,8 +639,8 @@ static inline void verify_hold_symmetry(sb_body *body, const sb_mesh *mesh, int 
 /* Traction (Pa) at x, on reference area with the outward normal n. */
 typedef sb_vec3 (*verify_traction)(const void *user, sb_vec3 x, sb_vec3 n);
 
-static inline void verify_load_face(sb_body *body, const sb_mesh *surface, const int *face,
-                                    verify_traction traction, const void *user)
+static inline void verify_load_face(sb_body *body, const sb_mesh *surface, const int *face, verify_traction traction,
+                                    const void *user)
 {
     int nodes = sb_element_node_count(surface->element_type);
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
@@ -715,8 +706,7 @@ static inline sb_vec3 verify_pressure(const void *user, sb_vec3 x, sb_vec3 n)
 
 /* Corner nodes of the boundary faces whose nodes all lie there, into faces[], `corners` at a time; returns
  * how many faces. The caller frees *faces. */
-static inline int verify_faces(const sb_mesh *mesh, verify_where where, const void *user, int corners,
-                               int **faces)
+static inline int verify_faces(const sb_mesh *mesh, verify_where where, const void *user, int corners, int **faces)
 {
     sb_boundary boundary;
     int count = 0, nodes;
@@ -765,8 +755,7 @@ static inline int verify_anywhere(const void *user, sb_vec3 x)
 /* ---- roots ---- */
 
 /* Root of f between low and high, where its signs differ: bisection to rounding. */
-static inline double verify_root(double (*f)(const void *user, double x), const void *user, double low,
-                                 double high)
+static inline double verify_root(double (*f)(const void *user, double x), const void *user, double low, double high)
 {
     double sign = f(user, low);
     CHECK(sign * f(user, high) <= 0);
@@ -801,18 +790,17 @@ static inline double verify_radial_stress(const verify_inflation *p, double radi
 }
 
 /* d/dR (R^2 P_r) = 2 R P_t for r(R), l_r = r', l_t = r/R: slope of (r, l_r). */
-static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2],
-                                       double slope[2])
+static inline void verify_radial_slope(const verify_inflation *p, double R, const double state[2], double slope[2])
 {
     const double step = 1e-5;
     double radial = state[1], hoop = state[0] / R, side;
     double stress = verify_radial_stress(p, radial, hoop, &side);
-    double by_radial = (verify_radial_stress(p, radial + step, hoop, NULL) -
-                        verify_radial_stress(p, radial - step, hoop, NULL)) /
-                       (2 * step);
-    double by_hoop = (verify_radial_stress(p, radial, hoop + step, NULL) -
-                      verify_radial_stress(p, radial, hoop - step, NULL)) /
-                     (2 * step);
+    double by_radial =
+        (verify_radial_stress(p, radial + step, hoop, NULL) - verify_radial_stress(p, radial - step, hoop, NULL)) /
+        (2 * step);
+    double by_hoop =
+        (verify_radial_stress(p, radial, hoop + step, NULL) - verify_radial_stress(p, radial, hoop - step, NULL)) /
+        (2 * step);
     slope[0] = radial;
     slope[1] = (2 * (side - stress) / R - by_hoop * (radial - hoop) / R) / by_radial;
 }

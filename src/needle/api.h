@@ -11,7 +11,7 @@
 #define NDL_VERSION_PATCH 0
 #define NDL_VERSION_STRING "0.5.0"
 
-#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR || \
+#if NDL_VERSION_MAJOR != SB_VERSION_MAJOR || NDL_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     NDL_VERSION_PATCH != SB_VERSION_PATCH
 #error "needle.h and softbody.h are of different versions: take both from one release"
 #endif

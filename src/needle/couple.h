@@ -15,11 +15,11 @@ typedef enum ndl_contact {
 
 /* How the friction states of a step were found. */
 typedef struct ndl_couple_info {
-    int trials;       /* linear systems with different friction states, >= 1 */
-    int consistent;   /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
-                       * 0: the cap on trials was hit, and the last solution was taken */
-    int iterations;   /* of conjugate gradients, in all trials */
-    int capped;       /* 1: their cap was hit */
+    int trials;     /* linear systems with different friction states, >= 1 */
+    int consistent; /* 1: every node that sticks is within its limit, every one that slips goes the way it was taken to;
+                     * 0: the cap on trials was hit, and the last solution was taken */
+    int iterations; /* of conjugate gradients, in all trials */
+    int capped;     /* 1: their cap was hit */
     sb_real residual; /* sqrt(r.M^-1 r) relative to its start */
 } ndl_couple_info;
 

@@ -11,7 +11,7 @@ static void ndli_line_layout(ndli_line *line, sbi_arena *arena)
 {
     size_t n = (size_t)line->capacity;
     ndli_v3 **vectors[] = {&line->move, &line->contact, &line->reaction, &line->tangent,
-                           &line->load, &line->before, &line->motion, &line->force};
+                           &line->load, &line->before,  &line->motion,   &line->force};
     double **reals[] = {&line->friction, &line->viscous, &line->slip};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, sizeof(ndli_v3));
@@ -145,8 +145,8 @@ static void ndli_line_put(double *vectors, int stride, int i, ndli_v3 v)
     out[0] = v.x, out[1] = v.y, out[2] = v.z;
 }
 
-/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times their
- * way. */
+/* How the rod's nodes move over the whole step by the unknowns, which are those at its level; held ones by `held` times
+ * their way. */
 static void ndli_line_expand(ndli_line *line, double held, const double *unknown, const double *nodes)
 {
     const ndl_rod *rod = line->rod;
@@ -155,13 +155,13 @@ static void ndli_line_expand(ndli_line *line, double held, const double *unknown
         ndli_v3 way = coupled ? ndli_line_at(nodes, 3, i - line->first) : ndli_line_at(unknown, NDLI_LINE_UNKNOWNS, i);
         if (coupled && ndli_line_is_slipping(line, i))
             way = ndli_madd(way, unknown[NDLI_LINE_UNKNOWNS * i + 3], line->tangent[i]);
-        line->motion[i] = rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i]))
-                                       : ndli_scale(1 / line->level, way);
+        line->motion[i] =
+            rod->held[i] ? ndli_scale(held, ndli_sub(rod->target[i], rod->x[i])) : ndli_scale(1 / line->level, way);
     }
 }
 
-NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes, double *out_unknown,
-                              double *out_nodes)
+NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown, const double *nodes,
+                              double *out_unknown, double *out_nodes)
 {
     const ndl_rod *rod = line->rod;
     memset(out_unknown, 0, (size_t)ndli_line_unknown_count(line) * sizeof *out_unknown);
@@ -178,7 +178,8 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
         }
         row = ndli_scale(line->level, row);
         if (coupled)
-            ndli_line_put(out_nodes, 3, i - line->first, loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
+            ndli_line_put(out_nodes, 3, i - line->first,
+                          loads ? ndli_madd(row, line->level - 1, line->before[i]) : row);
         else if (!rod->held[i])
             ndli_line_put(out_unknown, NDLI_LINE_UNKNOWNS, i, row);
     }
@@ -188,9 +189,9 @@ NDLI_API void ndli_line_apply(ndli_line *line, int loads, const double *unknown,
 
 /* Displacements of node i by its unknowns: [first, along] (u or z, alpha). */
 typedef struct ndli_line_map {
-    int moves[3];  /* 1: the component is an unknown, */
-    int slips;     /* 1: the fourth is */
-    int node;      /* the body's node of the first three, or -1 */
+    int moves[3]; /* 1: the component is an unknown, */
+    int slips;    /* 1: the fourth is */
+    int node;     /* the body's node of the first three, or -1 */
     ndli_v3 along;
 } ndli_line_map;
 
@@ -207,7 +208,8 @@ static ndli_line_map ndli_line_get_map(const ndli_line *line, int i)
 }
 
 /* out += the block of the body's matrix between the nodes of two rod nodes. */
-static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b, ndli_m3 *out)
+static void ndli_line_add_body_block(const ndli_line *line, const ndli_line_map *a, const ndli_line_map *b,
+                                     ndli_m3 *out)
 {
     int place = a->node >= 0 && b->node >= 0 ? sb_matrix_find(line->matrix, a->node, b->node) : -1;
     for (int c = 0; place >= 0 && c < 9; c++)
@@ -252,8 +254,8 @@ NDLI_API int ndli_line_factor(ndli_line *line, const sb_matrix *matrix)
             ndli_line_block(line, i, k, block);
             for (int r = 0; r < N; r++)
                 for (int c = 0; c < N && (k > 0 || c <= r); c++)
-                    line->band[(size_t)(N * i + r) * STRIDE + (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] =
-                        block[r][c];
+                    line->band[(size_t)(N * i + r) * STRIDE +
+                               (size_t)(N * (i - k) + c - (N * i + r) + NDLI_LINE_WIDTH)] = block[r][c];
         }
     return ndli_band_factor(line->band, n, NDLI_LINE_WIDTH, 1e-14) < 0;
 }

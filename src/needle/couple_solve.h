@@ -10,16 +10,16 @@ typedef struct ndli_couple {
     ndli_line *const *lines; /* [count] */
     int count;
     int max_trials;
-    ndl_couple_info info;    /* trials, consistent: of the solve that has ended */
+    ndl_couple_info info; /* trials, consistent: of the solve that has ended */
     sbi_guest guest;
     const sb_matrix *matrix; /* the body's, of the present system */
     int indefinite;          /* 1: the block of a set of friction states could not be factored */
-    int fewest, stalled;     /* how many states were contradicted at best, and for how many trials it has not been fewer */
+    int fewest, stalled; /* how many states were contradicted at best, and for how many trials it has not been fewer */
 } ndli_couple;
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Makes the guest. unknown: [sum of ndli_line_unknown_count], nodes: [sum of the lines' counts], both borrowed until the
- * solve has ended. */
+/* Makes the guest. unknown: [sum of ndli_line_unknown_count], nodes: [sum of the lines' counts], both borrowed until
+ * the solve has ended. */
 NDLI_API void ndli_couple_prepare(ndli_couple *couple, ndli_line *const *lines, int count, int max_trials,
                                   double *unknown, int *nodes);
 /* After the solve: SB_ERROR_DIVERGED when its last friction states have no positive definite matrix. */

@@ -265,7 +265,8 @@ static void ndli_needle_fill(ndl_needle *needle, const ndl_needle_def *def)
     needle->line.first = rod->node_count;
 }
 
-static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def, sb_error *error)
+static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, const ndl_needle_def *def,
+                                   sb_error *error)
 {
     sb_result result;
     int bad;
@@ -291,7 +292,8 @@ static sb_result ndli_needle_build(ndl_needle *needle, struct ndli_site *site, c
     if (result == SB_OK && !(ndli_site_reserve(site, def->capacity) && ndli_needle_reserve_undo(site, needle)))
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle of %d nodes", def->capacity);
     if (result == SB_OK && site->node_room > (size_t)(INT_MAX / NDLI_LINE_UNKNOWNS))
-        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes", INT_MAX / NDLI_LINE_UNKNOWNS);
+        return sbi_fail(error, SB_ERROR_MEMORY, "capacities of all needles are over %d nodes",
+                        INT_MAX / NDLI_LINE_UNKNOWNS);
     return result == SB_OK ? sbi_body_reserve_guest(site->body, NDLI_LINE_UNKNOWNS * (int)site->node_room,
                                                     (int)site->node_room, error)
                            : result;
@@ -329,7 +331,8 @@ NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **need
     if (site->count == NDL_MAX_NEEDLES)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the body has %d needles already", (int)NDL_MAX_NEEDLES);
     made = (ndl_needle *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    result = made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
+    result =
+        made ? ndli_needle_build(made, site, def, error) : sbi_fail(error, SB_ERROR_MEMORY, "no memory for a needle");
     if (result == SB_OK) {
         ndli_needle_join(made);
         ndli_needle_tell_life(made, NDLI_COMMAND_NEEDLE_MADE);

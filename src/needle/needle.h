@@ -24,8 +24,8 @@ typedef struct ndl_needle ndl_needle;
 
 /* What a region of tissue does to a needle, whatever presses on it (Tresca friction). All >= 0, default 0. */
 typedef struct ndl_friction {
-    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of the
-                       * order of 10 to 100 in soft tissue */
+    sb_real friction; /* N/m along the shaft: while less is needed the needle sticks, when it slips it feels this. Of
+                       * the order of 10 to 100 in soft tissue */
     sb_real viscous;  /* N s/m^2: more for slip at 1 m/s */
     sb_real cutting;  /* N at the tip while it goes forward; of the order of 1 */
     sb_real twist_stiffness; /* N m/rad per m of shaft: tissue that sticks holds against turning, */
@@ -48,36 +48,36 @@ typedef sb_real (*ndl_cutting)(void *user, sb_vec3 X, int region);
 
 /* What a needle is made from. Start from ndl_default_needle_def(), set body, base and direction. */
 typedef struct ndl_needle_def {
-    sb_body *body;          /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
-                             * material, supports, loads and integrator are its own: see ndl_step */
-    sb_vec3 base;           /* m: the sleeve's outlet, outside of the tissue */
-    sb_vec3 direction;      /* in which the needle leaves it, any length but 0 */
-    sb_vec3 director;       /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
-    sb_real length;         /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
-    sb_real edge_length;    /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
-    int capacity;           /* most nodes of the rod, >= 8; default 128 */
+    sb_body *body;     /* of tet4, with def.slack > 0 and implicit steps; borrowed, destroyed after its needles. Its
+                        * material, supports, loads and integrator are its own: see ndl_step */
+    sb_vec3 base;      /* m: the sleeve's outlet, outside of the tissue */
+    sb_vec3 direction; /* in which the needle leaves it, any length but 0 */
+    sb_vec3 director;  /* m1 of the base, projected; default 0: any. A bevel bends the needle towards m2 = t x m1 */
+    sb_real length;    /* m out of the sleeve at the start, > 0; default 0.05. The tip must be outside of the tissue */
+    sb_real edge_length;     /* m between nodes outside of the tissue, > 0; default 0: the mean of the tissue's edges */
+    int capacity;            /* most nodes of the rod, >= 8; default 128 */
     ndl_rod_section section; /* default NDL_STYLET_18G */
-    const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
+    const ndl_rod_stiffness *stiffness;       /* overrules the section; default NULL */
     sb_real damping_stretch, damping_bending; /* s, as of ndl_rod_def; default 1e-4 */
-    sb_vec3 gravity;        /* m/s^2, on the needle; default 0 */
-    ndl_bevel bevel;        /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
-    sb_real bend_length;    /* m of a pre-bent tip, >= 0 and < length; default 0 */
-    sb_real bend_curvature; /* 1/m of it at rest, towards m2 */
+    sb_vec3 gravity;                          /* m/s^2, on the needle; default 0 */
+    ndl_bevel bevel;                          /* default a symmetric tip (NDL_BEVEL_CURVATURE with curvature 0) */
+    sb_real bend_length;                      /* m of a pre-bent tip, >= 0 and < length; default 0 */
+    sb_real bend_curvature;                   /* 1/m of it at rest, towards m2 */
     const ndl_friction *frictions; /* [friction_count] by region, or one for all; default NULL: none. Copied */
     int friction_count;
     const ndl_membrane *membranes; /* [membrane_count] or NULL; copied */
     int membrane_count;
-    ndl_cutting cutting;    /* default NULL: by the tables */
+    ndl_cutting cutting; /* default NULL: by the tables */
     void *cutting_user;
-    sb_real entry_slip;     /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
-                             * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in one
-                             * step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons. Default
-                             * 0.25; 0: the entry stays where the needle met the skin, with flatter tets about it.
-                             * Either way single steps within the first edge below curved skin may have forces that no
-                             * tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was over
-                             * 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
-    int max_trials;         /* linear systems per step with different states of friction, >= 1; default 10. The largest of
-                             * all needles' holds */
+    sb_real entry_slip; /* where the skin is not flat the entry may be put on a node or edge of it, this share of the
+                         * face's longest edge away at most (see ndl_remesh_def), and the shaft is drawn there in
+                         * one step. In [0, 0.25]: from farther off that alone gives up to thousands of newtons.
+                         * Default 0.25; 0: the entry stays where the needle met the skin, with flatter tets about
+                         * it. Either way single steps within the first edge below curved skin may have forces that
+                         * no tissue makes: of 200 needles in ellipsoids, with half a newton to cut, the most was
+                         * over 10 N for 5 with 0.25 (218 N once) and for 8 with 0 (1,730 N once) */
+    int max_trials;     /* linear systems per step with different states of friction, >= 1; default 10. The largest of
+                         * all needles' holds */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_needle_def; a def made without it is refused */
 } ndl_needle_def;
@@ -88,11 +88,11 @@ NDL_API ndl_needle_def ndl_default_needle_def(void);
  * that begins in the tissue; a membrane between regions that do not meet), _NOT_FINITE, _MATERIAL (section),
  * _UNSUPPORTED (NDL_MAX_NEEDLES are there; what the body is made of, see def.body), _MEMORY.
  *
- * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in mid-insertion
- * too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same order, wherever they
- * are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is played on such a body. Make
- * needles before a recording is started, and destroy them after it has been stopped: what follows otherwise is refused when
- * it is played. A `cutting` of your own is not saved: both must do the same. */
+ * From then on it is part of the body's saved state, hash and recording. A state that was saved with needles, in
+ * mid-insertion too, is loaded (sb_body_state_load) into a body that has needles of the same defs, made in the same
+ * order, wherever they are: it goes on to the last bit. A recording holds ndl_step and ndl_needle_move_base, and is
+ * played on such a body. Make needles before a recording is started, and destroy them after it has been stopped: what
+ * follows otherwise is refused when it is played. A `cutting` of your own is not saved: both must do the same. */
 NDL_API sb_result ndl_needle_create(const ndl_needle_def *def, ndl_needle **needle, sb_error *error);
 /* Takes it out of the tissue first. NULL is fine. */
 NDL_API void ndl_needle_destroy(ndl_needle *needle);
@@ -114,22 +114,22 @@ NDL_API sb_result ndl_needle_move_base(ndl_needle *needle, sb_vec3 base, sb_vec3
 
 /* What a step did, over all needles and substeps. */
 typedef struct ndl_step_info {
-    int substeps;          /* a step is cut where a tip would go further than about half an edge of the tissue */
-    int trials;            /* largest number of a substep */
-    int consistent;        /* 1: friction states came out as they were taken, in all substeps */
-    int iterations;        /* of conjugate gradients, in all */
-    int capped;            /* 1: their cap was hit */
-    sb_real residual;      /* largest of a substep */
+    int substeps;     /* a step is cut where a tip would go further than about half an edge of the tissue */
+    int trials;       /* largest number of a substep */
+    int consistent;   /* 1: friction states came out as they were taken, in all substeps */
+    int iterations;   /* of conjugate gradients, in all */
+    int capped;       /* 1: their cap was hit */
+    sb_real residual; /* largest of a substep */
     int static_nodes, dynamic_nodes; /* at the end */
-    int operations;        /* of the remesher */
-    sb_real worst_quality; /* of tets about the tips; 1: none */
-    int blocked;           /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
-                            * follow it (no operation left sound tets, no memory); then it tries again later */
-    int torn;              /* needles that were less than half an edge deep and tore out of the skin, because nothing
-                            * else could be computed */
-    int limited;           /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
-    sb_step_info body;     /* of the last substep */
-    double seconds_body;   /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
+    int operations;                  /* of the remesher */
+    sb_real worst_quality;           /* of tets about the tips; 1: none */
+    int blocked;         /* needles whose tip is held: it has come near the skin from inside, or the mesh could not
+                          * follow it (no operation left sound tets, no memory); then it tries again later */
+    int torn;            /* needles that were less than half an edge deep and tore out of the skin, because nothing
+                          * else could be computed */
+    int limited;         /* needles that were fed less than asked for: the sleeve holds the rest, or capacity is used */
+    sb_step_info body;   /* of the last substep */
+    double seconds_body; /* with the body's clock, else 0: forces, matrix and preconditioner of the body, */
     double seconds_couple; /* needles' matrices and all trials, */
     double seconds_needle; /* sleeves, frames and nodes of the needles, */
     double seconds_remesh; /* remeshing with its changes of the matrix, */
@@ -138,24 +138,26 @@ typedef struct ndl_step_info {
 
 /* Advances a body and all its needles by dt (s, > 0): in place of sb_body_step, which moves the body without them.
  * needles: [count], each needle of the body once, in any order; commands: [count] beside them, or NULL: zeros
- * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would take
- * over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element (which
- * are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named); SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
+ * info may be NULL. On failure all is as before: SB_ERROR_ARGUMENT (needle missing or doubled; a command that would
+ * take over 1000 substeps), _NOT_FINITE (command named); SB_ERROR_UNSUPPORTED, two needles would share an element
+ * (which are, is said), or a needle is at a node that constraints eliminate; SB_ERROR_DIVERGED (node named);
+ * SB_ERROR_INVERTED (element named); SB_ERROR_MEMORY.
  *
- * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its tolerance:
- * one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are stepped by
- * implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0, which is of
- * second order, let the force on the base settle at once when the needle stops; others do not damp the motion that friction
- * leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20 ms): half a second after the stop
- * the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5 mN, without damping_stiffness by 0.34 N;
- * with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while the needle moves (0.007 N with 0). */
+ * The linear systems of the body's own step are solved together with needles and friction (see couple.h), to its
+ * tolerance: one where it is linearised (max_newton 1), otherwise until body, needles and friction balance. Needles are
+ * stepped by implicit Euler, the body by its own integrator. SB_EULER and SB_GENERALISED_ALPHA with spectral_radius 0,
+ * which is of second order, let the force on the base settle at once when the needle stops; others do not damp the
+ * motion that friction leaves in the tissue. Measured (nitinol needle 3.5 cm deep in 50 kPa, push 1.20 N, steps of 20
+ * ms): half a second after the stop the force stays within 1e-4 N with the two; with SB_NEWMARK it goes on ringing by 5
+ * mN, without damping_stiffness by 0.34 N; with spectral_radius 0.8 it jumps by up to 0.45 N from step to step while
+ * the needle moves (0.007 N with 0). */
 NDL_API sb_result ndl_step(sb_body *body, ndl_needle *const *needles, int count, sb_real dt,
                            const ndl_command *commands, ndl_step_info *info, sb_error *error);
 
 /* ---- readings: no allocation ---- */
 
-/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle is
- * destroyed, its arrays until the next step. */
+/* The rod: positions, frames, curvature; nodes 0 and 1 are in the sleeve, node 1 at its outlet. Valid until the needle
+ * is destroyed, its arrays until the next step. */
 NDL_API const ndl_rod *ndl_needle_rod(const ndl_needle *needle);
 /* Where the tip is and looks, for ndl_steer_update; it bends towards frame.m2. With NDL_BEVEL_CURVATURE t is where the
  * path goes on; the rod's last edge, a chord, lags behind by half of what it bends, and more after a turn. */
@@ -167,8 +169,8 @@ NDL_API void ndl_needle_base_wrench(const ndl_needle *needle, sb_vec3 *force, sb
 NDL_API int ndl_needle_entry(const ndl_needle *needle);
 /* Tissue node that a rod node is at, or -1. */
 NDL_API int ndl_needle_body_node(const ndl_needle *needle, int node);
-/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone with the
- * body's last needle. */
+/* What follows the tips of all needles of its body, for readings: ndl_remesh_quality, _is_original, _nodes ...; gone
+ * with the body's last needle. */
 NDL_API const ndl_remesh *ndl_needle_remesh(const ndl_needle *needle);
 NDL_API ndl_contact ndl_needle_contact(const ndl_needle *needle, int node);
 /* Force (N) of the tissue on a node in the last step. */

@@ -21,8 +21,9 @@
  * side of the tissue is stopped there.
  *
  * Within the first edge below curved skin single steps may have forces at the base that no tissue makes: see
- * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with implicit
- * steps. What is embedded in a body follows the changes that needles make where it is asked to (sb_embedding_follow).
+ * ndl_needle_def.entry_slip for figures. Needles go into bodies of SB_TET4 only (SB_ERROR_UNSUPPORTED otherwise), with
+ * implicit steps. What is embedded in a body follows the changes that needles make where it is asked to
+ * (sb_embedding_follow).
  *
  * A FIRST PROGRAM
  *
@@ -99,11 +100,11 @@
  *
  * Units are SI. Results, errors, memory, threads and determinism are as softbody.h says in its top comment.
  *
- * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres, regions,
- *              supports, loads and constraints; sb_body_step moves it without its needles.
+ * body         what needles go into: an sb_body of tet4 with def.slack, of any material, with Prony terms, fibres,
+ *              regions, supports, loads and constraints; sb_body_step moves it without its needles.
  * ndl_needle   a needle at one body, which it enters from outside: a sleeve that feeds and turns it, a rod, a tip that
- *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step, solved
- *              again with other states of friction where a node sticks that should slip, or the other way.
+ *              cuts. ndl_step moves a body and all its needles together: the linear systems of the body's own step,
+ *              solved again with other states of friction where a node sticks that should slip, or the other way.
  * contact      each node of a needle that is in tissue lies on a node of its mesh; along the needle it sticks or slips
  *              (ndl_contact). Friction is a force per length of shaft by region, cutting a force at the tip; membranes
  *              are faces between regions that take more force to puncture. What a hand feels: ndl_needle_base_wrench.

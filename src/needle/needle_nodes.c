@@ -78,8 +78,8 @@ static double ndli_nodes_tail(const ndl_needle *needle, ndli_v3 entry)
 static double ndli_nodes_least_tail(const ndl_needle *needle) { return 0.02 * needle->site->mean_edge; }
 
 /* Where the tip is when its entry has just been put aside (ndl_needle_def.entry_slip): as far aside. A short last edge
- * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside could
- * not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
+ * that went across the needle would turn the way it slips along, and the stretch of the shaft that was drawn aside
+ * could not slip off: on curved skin that was over 100 N in the first step of one entry in six. */
 static ndli_v3 ndli_nodes_first_tip(const ndl_needle *needle, ndli_v3 entry)
 {
     return ndli_madd(entry, ndli_nodes_tail(needle, entry), needle->rod->tangent[needle->rod->node_count - 2]);

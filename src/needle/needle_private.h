@@ -1,7 +1,7 @@
-/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is what
- * they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's resistance,
- * needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes a step back,
- * needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
+/* needle_private: what is inside a needle, and what the needles of a body share. Floor 6, internal: needle_site.c is
+ * what they share, needle_read.c reads them, needle_sleeve.c feeds and turns them, needle_resist.c is the tissue's
+ * resistance, needle_tip.c leads the remesher after the tip, needle_nodes.c renews the rod's nodes, needle_undo.c takes
+ * a step back, needle_state.c saves and records them, needle_step.c makes a step, needle.c makes and ends needles. */
 #ifndef NDL_NEEDLE_PRIVATE_H
 #define NDL_NEEDLE_PRIVATE_H
 
@@ -18,7 +18,7 @@ typedef struct ndli_capsule {
 struct ndl_needle {
     sb_allocator allocator;
     struct ndli_site *site; /* what it shares with the other needles of its body */
-    int index;            /* number at the remesher */
+    int index;              /* number at the remesher */
     ndl_rod *rod;
     ndli_line line;
     ndl_bevel bevel;
@@ -30,15 +30,15 @@ struct ndl_needle {
     void *cutting_user;
     int max_trials;
     sb_real entry_slip;
-    double edge_length;   /* m, of nodes outside */
+    double edge_length; /* m, of nodes outside */
 
-    ndli_v3 outlet, axis; /* the sleeve: rod node 1, and where edge 0 looks */
-    int base_given;       /* 1: the sleeve shall be at given_... at the end of the step */
+    ndli_v3 outlet, axis;                             /* the sleeve: rod node 1, and where edge 0 looks */
+    int base_given;                                   /* 1: the sleeve shall be at given_... at the end of the step */
     ndli_v3 given_outlet, given_axis, given_director; /* director 0: not asked for */
 
-    double fed, advance;  /* m */
-    ndli_v3 heading;      /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
-                           * chord of it, which lags behind by an angle that remeshing changes */
+    double fed, advance; /* m */
+    ndli_v3 heading;     /* unit vector in the material: where the path cut so far looks at the tip. The last edge is a
+                          * chord of it, which lags behind by an angle that remeshing changes */
     ndli_v3 base_force, base_torque; /* N, N m about the outlet */
     int shallow;          /* 1: the tip is in the tissue, but less than about half an edge: only its entry has a node
                            * there. Tets between such a tip and the skin would be flat */
@@ -59,16 +59,16 @@ struct ndl_needle {
 struct ndli_site {
     sb_body *body;
     sb_allocator allocator;
-    int listener;              /* its number at the body */
+    int listener; /* its number at the body */
     ndl_remesh *remesh;
-    const ndli_topology *mesh; /* the remesher's */
+    const ndli_topology *mesh;            /* the remesher's */
     ndl_needle *needles[NDL_MAX_NEEDLES]; /* by index; NULL: free */
     int count;
-    double mean_edge;  /* of the undeformed mesh (m) */
-    int *coupled;      /* [node_room] nodes of the body that needles are on, of a solve */
-    double *unknown;   /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
+    double mean_edge; /* of the undeformed mesh (m) */
+    int *coupled;     /* [node_room] nodes of the body that needles are on, of a solve */
+    double *unknown;  /* [NDLI_LINE_UNKNOWNS node_room] of a solve */
     size_t node_room;
-    unsigned char *undo; /* the state at the start of a step; see needle_undo.c */
+    unsigned char *undo;         /* the state at the start of a step; see needle_undo.c */
     size_t undo_room, undo_body; /* bytes; those of the body's state at its begin */
 };
 
@@ -121,8 +121,8 @@ NDLI_API int ndli_needle_renew_nodes(ndl_needle *needle);
 
 /* What the ints of a command in a recording begin with. */
 typedef enum ndli_needle_command {
-    NDLI_COMMAND_STEP = 1, /* and the number of needles and their indices; dt, then each needle's ndl_command */
-    NDLI_COMMAND_BASE = 2, /* and the needle; base, direction, director */
+    NDLI_COMMAND_STEP = 1,        /* and the number of needles and their indices; dt, then each needle's ndl_command */
+    NDLI_COMMAND_BASE = 2,        /* and the needle; base, direction, director */
     NDLI_COMMAND_NEEDLE_MADE = 3, /* and the needle */
     NDLI_COMMAND_NEEDLE_GONE = 4
 } ndli_needle_command;
@@ -145,14 +145,16 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
 
 /* ---- needle_undo ---- */
 
-/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is none. */
+/* Memory for what steps keep, with one more needle than there are, while the mesh keeps to its slack; 0: there is
+ * none. */
 NDLI_API int ndli_needle_reserve_undo(struct ndli_site *site, const ndl_needle *more);
 /* Keeps what a step changes of a body and its needles. Takes memory where the mesh has outgrown its slack; 0: there is
  * none. */
 NDLI_API int ndli_needle_keep(struct ndli_site *site);
 /* Brings it back. */
 NDLI_API void ndli_needle_undo(struct ndli_site *site);
-/* Where the body has got another mesh since the last step: needles are outside, whatever they were in. SB_ERROR_MEMORY. */
+/* Where the body has got another mesh since the last step: needles are outside, whatever they were in.
+ * SB_ERROR_MEMORY. */
 NDLI_API sb_result ndli_needle_look(struct ndli_site *site, sb_error *error);
 #endif
 

@@ -157,7 +157,7 @@ static int ndli_resist_is_at_skin(const ndl_needle *needle)
     tip = needle->path[needle->line.count - 1];
     way = sb_v3_sub(mesh->X[tip], mesh->X[needle->path[needle->line.count - 2]]);
     return ndli_topology_find(mesh, mesh->X, sb_v3_madd(mesh->X[tip], ahead / sb_v3_norm(way), way),
-                                mesh->node_star[tip] / 4, NULL) < 0;
+                              mesh->node_star[tip] / 4, NULL) < 0;
 }
 
 /* What the tip has to cut, or what nothing can overcome. */

@@ -13,7 +13,8 @@ NDLI_API double ndli_site_mean_edge(const ndli_topology *mesh)
     int count = 0;
     for (int t = 0; t < mesh->tet_end; t++)
         for (int p = 0; p < 6 && mesh->tets[4 * (size_t)t] >= 0; p++) {
-            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]], j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
+            int i = mesh->tets[4 * (size_t)t + (size_t)pairs[p][0]],
+                j = mesh->tets[4 * (size_t)t + (size_t)pairs[p][1]];
             if (ndli_topology_first_tet(mesh, i, j) != t)
                 continue;
             sum += (double)sb_v3_norm(sb_v3_sub(mesh->X[i], mesh->X[j]));

@@ -1,5 +1,5 @@
-/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is not
- * kept; what the remesher knows is its own part, which is checked before this one. */
+/* needle_state: needles in the saved state of their body and in its recording. What is computed anew in each step is
+ * not kept; what the remesher knows is its own part, which is checked before this one. */
 #include "needle_private.h"
 
 #include <string.h>
@@ -222,8 +222,8 @@ static sb_result ndli_needle_check_image(const ndl_needle *needle, const unsigne
         return sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d is damaged in its nodes", needle->index);
     result = ndli_rod_check(needle->rod, in + image.used, size - image.used, &rod, &nodes, error);
     if (result == SB_OK && nodes != h.node_count)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index, h.node_count,
-                          nodes);
+        result = sbi_fail(error, SB_ERROR_FORMAT, "saved needle %d has %d nodes, its rod %d", needle->index,
+                          h.node_count, nodes);
     *used = image.used + (result == SB_OK ? rod : 0);
     return result;
 }
@@ -234,14 +234,17 @@ static sb_result ndli_site_check_head(const struct ndli_site *site, const ndli_s
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved needles are of a machine with another order of bytes");
     for (int i = 0; i < NDL_MAX_NEEDLES; i++)
         if (h->used[i] != (site->needles[i] != NULL))
-            return sbi_fail(error, SB_ERROR_STATE, h->used[i] ? "the state has a needle %d, the body has not"
-                                                              : "the body has a needle %d, the state has not", i);
+            return sbi_fail(error, SB_ERROR_STATE,
+                            h->used[i] ? "the state has a needle %d, the body has not"
+                                       : "the body has a needle %d, the state has not",
+                            i);
     if (h->count != site->count || !(h->mean_edge > 0) || h->mean_edge - h->mean_edge != 0)
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved needles are damaged in their head");
     return SB_OK;
 }
 
-static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error)
+static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned char *bytes, size_t size,
+                                 sb_error *error)
 {
     const struct ndli_site *site = (const struct ndli_site *)user;
     ndli_site_head head;
@@ -259,7 +262,8 @@ static sb_result ndli_site_check(void *user, const sb_body *body, const unsigned
             at += used;
         }
     if (result == SB_OK && at != size)
-        result = sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
+        result =
+            sbi_fail(error, SB_ERROR_FORMAT, "the saved needles have %lu bytes too many", (unsigned long)(size - at));
     return result;
 }
 

@@ -174,8 +174,8 @@ static sb_result ndli_step_prepare(const ndli_stepping *s, double dt, int left)
     return SB_OK;
 }
 
-/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the whole
- * step's undo takes back. */
+/* One step of the body with the rods as its guest; then the rods move as was found. What has moved when that fails the
+ * whole step's undo takes back. */
 static sb_result ndli_step_solve(const ndli_stepping *s, double dt)
 {
     struct ndli_site *site = s->site;
@@ -269,8 +269,8 @@ static sb_result ndli_step_check(const struct ndli_site *site, ndl_needle *const
         most = stride > most ? stride : most;
     }
     if (!(most < ndli_step_most_substeps))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s", most,
-                        (double)dt);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the commands would take %g substeps: too fast for a step of %g s",
+                        most, (double)dt);
     *substeps = most > 1 ? (int)most + 1 : 1;
     return SB_OK;
 }
@@ -288,8 +288,8 @@ static void ndli_step_count_states(const ndli_stepping *s)
     }
 }
 
-/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how many;
- * 0: nothing has changed. */
+/* Takes needles out that are hardly in, when no step can be made with them: they tear out of the skin. Returns how
+ * many; 0: nothing has changed. */
 static int ndli_step_tear_out(const ndli_stepping *s)
 {
     int torn = 0;
@@ -412,7 +412,9 @@ NDLI_API sb_result ndli_needle_replay(void *user, const int *ints, size_t int_co
         return ndl_needle_move_base(site->needles[ints[1]], sb_v3(reals[0], reals[1], reals[2]),
                                     sb_v3(reals[3], reals[4], reals[5]), sb_v3(reals[6], reals[7], reals[8]));
     if (code == NDLI_COMMAND_NEEDLE_MADE || code == NDLI_COMMAND_NEEDLE_GONE)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needle %d was %s while this was recorded: what follows cannot be "
-                        "played", ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needle %d was %s while this was recorded: what follows cannot be "
+                        "played",
+                        ints[1], code == NDLI_COMMAND_NEEDLE_MADE ? "made" : "destroyed");
     return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of needles that there is not");
 }

@@ -100,8 +100,8 @@ static void ndli_tip_take_heading(ndl_needle *needle)
         return;
     before = ndli_from(sb_v3_sub(mesh->X[path[count - 2]], mesh->X[path[count - 3]]));
     b = ndli_norm(before);
-    needle->heading = ndli_tip_unit(
-        ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
+    needle->heading =
+        ndli_tip_unit(ndli_madd(needle->heading, l / (l + b), ndli_sub(needle->heading, ndli_scale(1 / b, before))));
 }
 
 /* ---- the mesh follows ---- */
@@ -109,8 +109,8 @@ static void ndli_tip_take_heading(ndl_needle *needle)
 enum { NDLI_HOLD_STEPS = 8 };
 
 /* A tip that the remesher cannot follow stays behind and is held for a while, so that the needle does not go on without
- * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or a
- * shaft that straightens, must not keep it from being drawn back. */
+ * it; a collision with another needle is the step's failure, but for a needle that is not pushed: tissue that moves, or
+ * a shaft that straightens, must not keep it from being drawn back. */
 static sb_result ndli_tip_judge(ndl_needle *needle, sb_result result, sb_error *own, sb_error *error)
 {
     if (result == SB_OK)
@@ -225,19 +225,20 @@ static void ndli_tip_make_shallow(ndl_needle *needle)
     double back = needle->site->mean_edge;
     sb_vec3 entry;
     ndl_surface_hit hit;
-    if (count < 2 || !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) <
-                       ndli_tip_shallow(needle)))
+    if (count < 2 ||
+        !((double)sb_v3_norm(sb_v3_sub(mesh->X[path[count - 1]], mesh->X[path[0]])) < ndli_tip_shallow(needle)))
         return;
     entry = mesh->x[path[0]];
     if (ndl_remesh_withdraw(remesh, needle->index, NULL, NULL) != SB_OK)
         return; /* it stays as it is */
     if (ndli_topology_hit(mesh, sb_v3_madd(entry, (sb_real)-back, ndli_to(rod->tangent[first - 1])),
-                            ndli_to(rod->x[rod->node_count - 1]), &hit))
-        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL, NULL); /* without success it is out: a little early */
+                          ndli_to(rod->x[rod->node_count - 1]), &hit))
+        (void)ndli_remesh_puncture_within(remesh, needle->index, &hit, needle->entry_slip, NULL,
+                                          NULL); /* without success it is out: a little early */
 }
 
-/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in it,
- * the needle is stretched until its tip would be outside. */
+/* The tip goes back to X. It always gets out: where remeshing does not find a way, or another needle's element is in
+ * it, the needle is stretched until its tip would be outside. */
 static sb_result ndli_tip_draw_back(ndl_needle *needle, sb_vec3 X, int inside, ndl_remesh_info *done, sb_error *error)
 {
     ndl_remesh *remesh = needle->site->remesh;

@@ -14,15 +14,11 @@
 
 enum { NDLI_VIRTUAL = -1 /* the node to be made, in candidates */ };
 enum { NDLI_IN_PATCH = 128 /* mark of tets while a patch is gathered */ };
-enum { NDLI_USUAL_POOL = 32, /* slots a split keeps: seldom more than eight tets of four pieces */
-       NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */ };
 enum {
-    NDLI_SLIDE_SAMPLES = 10,
-    NDLI_MAX_SUBSTEPS = 1000,
-    NDLI_STUCK = 16,
-    NDLI_RELEASES = 4,
-    NDLI_RATED = 16
+    NDLI_USUAL_POOL = 32,  /* slots a split keeps: seldom more than eight tets of four pieces */
+    NDLI_USUAL_PATCH = 512 /* tets: twice what graded meshes were seen to need */
 };
+enum { NDLI_SLIDE_SAMPLES = 10, NDLI_MAX_SUBSTEPS = 1000, NDLI_STUCK = 16, NDLI_RELEASES = 4, NDLI_RATED = 16 };
 #define NDLI_REMESH_COOKIE 0x4e444c52u
 
 /* ---- memory ---- */
@@ -247,8 +243,8 @@ static void ndli_remesh_parent(const ndl_remesh *r, const ndli_split *split, con
                 part = parts[j];
         parent->skin |= ndli_remesh_skin_bit(r, part, c);
     }
-    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]],
-                                          mesh->X[parent->nodes[2]], mesh->X[parent->nodes[3]]);
+    parent->quality = ndli_tet_quality(mesh->X[parent->nodes[0]], mesh->X[parent->nodes[1]], mesh->X[parent->nodes[2]],
+                                       mesh->X[parent->nodes[3]]);
 }
 
 static const ndli_split *ndli_remesh_top(const ndli_needle *needle)
@@ -316,7 +312,7 @@ static sb_vec3 ndli_remesh_at(const ndl_remesh *r, int node)
 static sb_real ndli_remesh_quality(const ndl_remesh *r, const int n[4])
 {
     return ndli_tet_quality(ndli_remesh_at(r, n[0]), ndli_remesh_at(r, n[1]), ndli_remesh_at(r, n[2]),
-                               ndli_remesh_at(r, n[3]));
+                            ndli_remesh_at(r, n[3]));
 }
 
 /* A tet that the candidate makes or changes. */
@@ -498,17 +494,17 @@ static int ndli_remesh_is_better(ndl_remesh *r, const ndli_candidate *b)
 static int ndli_remesh_is_lost(const ndl_remesh *r)
 {
     sb_real least = r->trial.created.least;
-    return !(least > 0) || (r->final_count == NDLI_FINALISTS &&
-                            least < r->final[NDLI_FINALISTS - 1].created.least && least < r->trial.removed.least);
+    return !(least > 0) || (r->final_count == NDLI_FINALISTS && least < r->final[NDLI_FINALISTS - 1].created.least &&
+                            least < r->trial.removed.least);
 }
 
 /* ---- candidates: which ---- */
 
 typedef enum ndli_move {
-    NDLI_SNAP_TIP,   /* (a) */
-    NDLI_AHEAD,      /* (b) another node comes to lie at X_new, the old tip stays on the needle */
-    NDLI_UNDO,       /* (c) the top split, which made the tip, is undone first */
-    NDLI_DROP        /* (d) the tip stays in the tissue, but not on the needle */
+    NDLI_SNAP_TIP, /* (a) */
+    NDLI_AHEAD,    /* (b) another node comes to lie at X_new, the old tip stays on the needle */
+    NDLI_UNDO,     /* (c) the top split, which made the tip, is undone first */
+    NDLI_DROP      /* (d) the tip stays in the tissue, but not on the needle */
 } ndli_move;
 
 /* Nodes between regions may be bound to their place; those that a split made there are not. */
@@ -1120,8 +1116,8 @@ static void ndli_remesh_add_heir(ndli_heirs *heirs, int node, sb_real weight)
     heirs->weights[heirs->count++] = weight;
 }
 
-/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that go, too,
- * stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
+/* What refers to a node that goes refers to the corners of the split that made it from then on; those of corners that
+ * go, too, stand for them. (Only the first of them once the list is full: a chain of that many splits.) */
 static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *heirs)
 {
     const ndli_leaving *l = ndli_remesh_leaving(r, node);
@@ -1147,14 +1143,15 @@ static void ndli_remesh_find_heirs(const ndl_remesh *r, int node, ndli_heirs *he
 }
 
 /* Moved nodes first: where their motion comes from is named by the slots of before. */
-static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to,
+                                        sb_error *error)
 {
     sb_result result = SB_OK;
     int plan = 0;
     for (int i = 0; i < c->node_count && result == SB_OK; i++)
         if (!c->nodes[i].created)
-            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources, c->nodes[i].weights,
-                                              4, error);
+            result = sb_body_change_move_node(to, c->nodes[i].node, c->nodes[i].X, c->nodes[i].sources,
+                                              c->nodes[i].weights, 4, error);
     for (int i = 0; i < c->node_event_count && result == SB_OK; i++) {
         int event = c->node_events[i].node, slot = 0;
         ndli_heirs heirs;
@@ -1165,8 +1162,8 @@ static sb_result ndli_remesh_send_nodes(ndl_remesh *r, const ndli_topology_chang
         }
         while (!c->nodes[plan].created)
             plan++;
-        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0, &slot,
-                                         error);
+        result = sb_body_change_add_node(to, c->nodes[plan].X, c->nodes[plan].sources, c->nodes[plan].weights, 4, 0,
+                                         &slot, error);
         SB_ASSERT(result != SB_OK || slot == event);
         plan++;
     }
@@ -1190,7 +1187,8 @@ static int ndli_remesh_is_renewed(const ndli_topology_change *c, const int nodes
     return 0;
 }
 
-static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to, sb_error *error)
+static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change *c, sb_body_change *to,
+                                       sb_error *error)
 {
     sb_result result = SB_OK;
     for (int i = 0; i < c->tet_event_count && result == SB_OK; i++) {
@@ -1213,8 +1211,8 @@ static sb_result ndli_remesh_send_tets(ndl_remesh *r, const ndli_topology_change
     return result;
 }
 
-/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at the
- * begin. */
+/* Ends a change of the topology and makes the body's mesh follow. When the body refuses, the topology is as it was at
+ * the begin. */
 static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
 {
     ndli_topology_change change;
@@ -1239,8 +1237,8 @@ static sb_result ndli_remesh_commit(ndl_remesh *r, sb_error *error)
     return result;
 }
 
-/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of the
- * smoothed nodes. */
+/* Plans what the best candidate moves; *slide: the sliding node's number among the plans, or -1. Returns the first of
+ * the smoothed nodes. */
 static int ndli_remesh_plan_moves(ndl_remesh *r, int *slide)
 {
     ndli_topology *mesh = r->mesh;
@@ -1790,8 +1788,8 @@ static sb_result ndli_remesh_do_puncture(ndl_remesh *r, const ndl_surface_hit *h
     if (!r->final_count && r->conflict >= 0)
         return ndli_remesh_fail_operation(r, error);
     if (!r->final_count)
-        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet,
-                                "no sound way to puncture tet %d at that point", hit->tet);
+        return sbi_fail_element(error, SB_ERROR_MESH, hit->tet, "no sound way to puncture tet %d at that point",
+                                hit->tet);
     if (r->final[0].size == 1 && memcmp(&r->final[0].X, r->mesh->X + r->final[0].simplex[0], sizeof(sb_vec3)) == 0)
         node = r->final[0].simplex[0];
     else
@@ -2048,8 +2046,10 @@ static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int
     if (int_count < 3)
         return sbi_fail(error, SB_ERROR_FORMAT, "the recording holds a command of a remesher that ends early");
     if (ints[0] == NDLI_COMMAND_MADE || ints[0] == NDLI_COMMAND_GONE)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the recorded body's remesher was %s while it was recorded: what "
-                        "follows cannot be played", ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "the recorded body's remesher was %s while it was recorded: what "
+                        "follows cannot be played",
+                        ints[0] == NDLI_COMMAND_MADE ? "made" : "destroyed");
     ndli_remesh_hush(r);
     result = ndli_remesh_repeat(r, ints, int_count, reals, real_count, error);
     ndli_remesh_tell(r, result == SB_ERROR_FORMAT ? NULL : ints, int_count, reals, real_count);
@@ -2066,9 +2066,11 @@ static sb_result ndli_remesh_replay_part(void *user, const int *ints, size_t int
 static sb_result ndli_remesh_check_body(const sb_body *body, sb_error *error)
 {
     if (sbi_body_mesh(body).element_type != SB_TET4)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers need a body of SB_TET4: its elements are others");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needles and remeshers need a body of SB_TET4: its elements are others");
     if (sbi_body_node_slots(body).room == 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "needles and remeshers change the mesh: make the body with def.slack > 0");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "needles and remeshers change the mesh: make the body with def.slack > 0");
     return SB_OK;
 }
 

@@ -48,7 +48,7 @@ typedef struct ndli_candidate {
 /* The patch and a ring about it after one candidate, on which smoothing is tried. Nodes are numbered by the table
  * that all candidates of an operation share; the node to be made comes after it. */
 typedef struct ndli_draft {
-    int *tets, tet_count;   /* [4]; those of the core first */
+    int *tets, tet_count; /* [4]; those of the core first */
     int core_count;
     sb_real *qualities;
     sb_vec3 *X;             /* [table_count + 1] */
@@ -85,11 +85,11 @@ struct ndl_remesh {
     int needle, conflict; /* of the call under way; element of another needle that stood in the way, or -1 */
     int capacity;         /* of the patch */
     ndli_patch here, undone;
-    int core_count;       /* of here: the tets that candidates may change; after them those that smoothing may */
-    int *table, table_count; /* nodes of the patch */
+    int core_count;             /* of here: the tets that candidates may change; after them those that smoothing may */
+    int *table, table_count;    /* nodes of the patch */
     unsigned char *table_whole; /* 1: all its tets are in the patch */
     ndli_draft draft;
-    int *moving, moving_count; /* [4] nodes of a candidate's tets about its sliding node */
+    int *moving, moving_count;                   /* [4] nodes of a candidate's tets about its sliding node */
     ndli_candidate final[NDLI_FINALISTS], trial; /* best first */
     int final_count;
     sb_real *rating, *best_rating; /* qualities of a draft, worst first */
@@ -97,13 +97,12 @@ struct ndl_remesh {
     int move_count;
     sb_real outcome; /* least quality about the tip that the winner leaves; that of now: */
     sb_real before;
-    sb_real enough;  /* an operation that leaves less than this, and than before, fails; usually 0 */
+    sb_real enough;       /* an operation that leaves less than this, and than before, fails; usually 0 */
     ndli_qualities taken; /* what undoing the top split removes */
     sb_real *sorted[2];
     int *groups, *kept; /* tets of the split that is made, and of the one that is undone for it */
     void *scratch;
 };
-
 
 #if defined(NDL_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 SB_INLINE int ndli_remesh_has(const int nodes[4], int node)
@@ -128,7 +127,7 @@ NDLI_API void ndli_remesh_free_knowledge(ndl_remesh *r);
 
 /* What the ints of a command begin with; then the needle, and what the call returned. */
 typedef enum ndli_remesh_command {
-    NDLI_COMMAND_PUNCTURE = 1, /* and tet, face; along, X, slip */
+    NDLI_COMMAND_PUNCTURE = 1,  /* and tet, face; along, X, slip */
     NDLI_COMMAND_PENETRATE = 2, /* X */
     NDLI_COMMAND_RETRACT = 3,   /* X */
     NDLI_COMMAND_WITHDRAW = 4,
@@ -141,10 +140,11 @@ typedef sb_result (*ndli_remesh_replay)(void *user, const int *ints, size_t int_
 /* The remesher joins the state and the recording of its body. */
 NDLI_API sb_result ndli_remesh_join(ndl_remesh *r, ndli_remesh_replay replay, sb_error *error);
 NDLI_API void ndli_remesh_leave(ndl_remesh *r);
-/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it is
- * not told, as calls with numbers that are none are not: they change nothing. */
+/* Between these a call changes the body, which its recording then holds as one command of the remesher; ints NULL: it
+ * is not told, as calls with numbers that are none are not: they change nothing. */
 NDLI_API void ndli_remesh_hush(ndl_remesh *r);
-NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count);
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                               size_t real_count);
 NDLI_API void ndli_remesh_tell_puncture(ndl_remesh *r, int needle, const ndl_surface_hit *hit, sb_real slip,
                                         sb_result result);
 NDLI_API void ndli_remesh_tell_move(ndl_remesh *r, int needle, sb_vec3 X, int forward, sb_result result);

@@ -267,9 +267,9 @@ typedef struct ndli_rehearsal {
     const ndli_topology *mesh;
     const unsigned char *owners, *flags; /* [node_end] of the image */
     int node_end;
-    int *tets;   /* [tet_end][4]; first -1: not in use */
-    int *stars;  /* [node_end] tets of a node; -1: undone */
-    int *takers; /* [tet_end] needle whose splits made the tet, or -1 */
+    int *tets;               /* [tet_end][4]; first -1: not in use */
+    int *stars;              /* [node_end] tets of a node; -1: undone */
+    int *takers;             /* [tet_end] needle whose splits made the tet, or -1 */
     unsigned char *threaded; /* [node_end] 1: on a needle */
 } ndli_rehearsal;
 
@@ -390,14 +390,19 @@ static sb_result ndli_rehearsal_play(const ndl_remesh *r, ndli_rehearsal *h, con
         pool = stack + (size_t)counts[1] * sizeof(ndli_split);
         if (!ndli_rehearsal_thread(h, nodes, counts[0], i) ||
             !ndli_rehearsal_undo(h, stack, counts[1], pool, counts[2], i))
-            return sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher is damaged: needle %d's nodes or splits are not "
-                            "those of the body", i);
+            return sbi_fail(error, SB_ERROR_FORMAT,
+                            "the saved remesher is damaged: needle %d's nodes or splits are not "
+                            "those of the body",
+                            i);
         in = pool + ndli_image_room((size_t)counts[2] * sizeof(int));
     }
     for (int i = 0; i < h->node_end; i++)
-        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) || (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
-            return sbi_fail_node(error, SB_ERROR_FORMAT, i, "the saved remesher is damaged: it knows nothing of the "
-                                 "needle or the split of node %d", i);
+        if (h->threaded[i] != !!(h->flags[i] & NDLI_NODE_NEEDLE) ||
+            (h->stars[i] >= 0 && (h->flags[i] & NDLI_NODE_CREATED)))
+            return sbi_fail_node(error, SB_ERROR_FORMAT, i,
+                                 "the saved remesher is damaged: it knows nothing of the "
+                                 "needle or the split of node %d",
+                                 i);
     return SB_OK;
 }
 
@@ -426,7 +431,8 @@ static sb_result ndli_remesh_rehearse(const ndl_remesh *r, const unsigned char *
     int counts[NDLI_TOPOLOGY_COUNTS];
     size_t needles = ndli_remesh_needles_at(r, in, size, counts);
     memset(&rehearsal, 0, sizeof rehearsal);
-    rehearsal.owners = in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
+    rehearsal.owners =
+        in + sizeof(ndli_remesh_head) + sizeof counts + ndli_image_room((size_t)counts[0] * sizeof(sb_vec3));
     rehearsal.flags = rehearsal.owners + ndli_image_room((size_t)counts[0] * sizeof(int));
     rehearsal.node_end = counts[0];
     result = ndli_rehearsal_begin(r, &rehearsal)
@@ -465,7 +471,8 @@ static sb_result ndli_remesh_pass(ndl_remesh *r, const unsigned char *in, size_t
     if (at == 0)
         result = sbi_fail(error, SB_ERROR_FORMAT, "the saved remesher has counts out of their range");
     if (result == SB_OK && !room)
-        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory, r->def.max_needles, error);
+        result = ndli_topology_check_memory(r->mesh, memory, in + sizeof(ndli_remesh_head) + sizeof memory,
+                                            r->def.max_needles, error);
     for (int i = 0; result == SB_OK && i < r->def.max_needles; i++) {
         int counts[4];
         size_t used = ndli_remesh_needle_holds(r->mesh, in + at, size - at, counts);
@@ -529,8 +536,8 @@ static sb_result ndli_remesh_stage(ndl_remesh *r, const sb_body *body, sb_error 
         staged->def = r->def;
         staged->mesh = &staged->topology;
         staged->topology.allocator = r->def.allocator;
-        staged->needles = (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles,
-                                                          sizeof(ndli_needle));
+        staged->needles =
+            (ndli_needle *)sbi_alloc_zeroed(&r->def.allocator, (size_t)r->def.max_needles, sizeof(ndli_needle));
         if (staged->needles && ndli_topology_read(staged->mesh, body) && ndli_remesh_stage_room(r))
             return SB_OK;
     }
@@ -599,7 +606,8 @@ NDLI_API void ndli_remesh_hush(ndl_remesh *r)
         sbi_body_mute(r->body);
 }
 
-NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals, size_t real_count)
+NDLI_API void ndli_remesh_tell(ndl_remesh *r, const int *ints, size_t int_count, const sb_real *reals,
+                               size_t real_count)
 {
     int good = ints != NULL;
     sbi_body_unmute(r->body);

@@ -152,12 +152,29 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
                            &rod->predicted,
                            &rod->damping_tangent,
                            &rod->old_binormal};
-    double **reals[] = {&rod->theta, &rod->rest_length, &rod->mass, &rod->cell, &rod->turn, &rod->torque,
-                        &rod->reaction_torque, &rod->shape.length, &rod->shape.chi, &rod->shape.twist,
+    double **reals[] = {&rod->theta,
+                        &rod->rest_length,
+                        &rod->mass,
+                        &rod->cell,
+                        &rod->turn,
+                        &rod->torque,
+                        &rod->reaction_torque,
+                        &rod->shape.length,
+                        &rod->shape.chi,
+                        &rod->shape.twist,
                         &rod->shape.reference,
-                        &rod->matrix.turn, &rod->matrix.turn_before, &rod->turn_gradient, &rod->try_theta,
-                        &rod->best_theta, &rod->step_theta, &rod->saved_turns, &rod->old_length, &rod->grip,
-                        &rod->grip_limit, &rod->anchor, &rod->shape.lag};
+                        &rod->matrix.turn,
+                        &rod->matrix.turn_before,
+                        &rod->turn_gradient,
+                        &rod->try_theta,
+                        &rod->best_theta,
+                        &rod->step_theta,
+                        &rod->saved_turns,
+                        &rod->old_length,
+                        &rod->grip,
+                        &rod->grip_limit,
+                        &rod->anchor,
+                        &rod->shape.lag};
     ndli_m3 **matrices[] = {&rod->damping_before, &rod->damping_after, &rod->damping_weight};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         *vectors[i] = (ndli_v3 *)sbi_arena_take(arena, n, v);
@@ -165,10 +182,10 @@ static void ndli_rod_layout(ndl_rod *rod, sbi_arena *arena, int nodes)
         *reals[i] = (double *)sbi_arena_take(arena, n, d);
     for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++)
         *matrices[i] = (ndli_m3 *)sbi_arena_take(arena, n, m);
-    rod->rest_bend = (double (*)[2])sbi_arena_take(arena, n, 2 * d);
-    rod->old_bend = (double (*)[4])sbi_arena_take(arena, n, 4 * d);
-    rod->matrix.node = (ndli_m3 (*)[3])sbi_arena_take(arena, n, 3 * m);
-    rod->matrix.cross = (ndli_v3 (*)[4])sbi_arena_take(arena, n, 4 * v);
+    rod->rest_bend = (double(*)[2])sbi_arena_take(arena, n, 2 * d);
+    rod->old_bend = (double(*)[4])sbi_arena_take(arena, n, 4 * d);
+    rod->matrix.node = (ndli_m3(*)[3])sbi_arena_take(arena, n, 3 * m);
+    rod->matrix.cross = (ndli_v3(*)[4])sbi_arena_take(arena, n, 4 * v);
     rod->held = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->has_velocity = (unsigned char *)sbi_arena_take(arena, n, 1);
     rod->turn_held = (unsigned char *)sbi_arena_take(arena, n, 1);

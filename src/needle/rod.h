@@ -24,9 +24,9 @@ typedef struct ndl_rod_section {
 } ndl_rod_section;
 
 typedef enum ndl_rod_preset {
-    NDL_STYLET_18G = 1,   /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
-    NDL_NITINOL_083 = 2,  /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
-                           * Experimental Robotics, and of the phantom studies after it) */
+    NDL_STYLET_18G = 1,    /* 18-gauge brachytherapy stylet: steel wire of 1.27 mm */
+    NDL_NITINOL_083 = 2,   /* steerable nitinol wire of 0.83 mm (the needle of Webster et al. 2005, Int. Symp.
+                            * Experimental Robotics, and of the phantom studies after it) */
     NDL_HYPODERMIC_22G = 3 /* 22-gauge steel tube, 0.7176 mm outside, 0.413 mm inside */
 } ndl_rod_preset;
 
@@ -38,9 +38,9 @@ NDL_API sb_result ndl_rod_section_preset(ndl_rod_preset preset, ndl_rod_section 
 
 /* Stiffnesses of a rod; ndl_rod_stiffness_of makes them from a section. */
 typedef struct ndl_rod_stiffness {
-    sb_real stretch;    /* EA (N), > 0 */
-    sb_real bending[2]; /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
-    sb_real twist;      /* GJ (N m^2), > 0 */
+    sb_real stretch;      /* EA (N), > 0 */
+    sb_real bending[2];   /* EI (N m^2), > 0, against curvature towards m1 and towards m2 */
+    sb_real twist;        /* GJ (N m^2), > 0 */
     sb_real line_density; /* mass per length (kg/m), > 0 */
 } ndl_rod_stiffness;
 
@@ -58,23 +58,23 @@ typedef enum ndl_rod_rest {
 
 /* What a rod is made from. Start from ndl_default_rod_def(), set nodes, change what you like. */
 typedef struct ndl_rod_def {
-    const sb_vec3 *nodes;   /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
-                             * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
-    int node_count;         /* >= 2 */
-    int capacity; /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
-    ndl_rod_section section; /* default NDL_STYLET_18G */
+    const sb_vec3 *nodes; /* [node_count] (m) first positions, base first; neighbours apart, no edge turned back on
+                           * the one before (turns below 2.8 rad). Read during creation only, as all pointers here */
+    int node_count;       /* >= 2 */
+    int capacity;         /* most nodes the rod will ever have (see splitting), >= node_count; default 0: node_count */
+    ndl_rod_section section;            /* default NDL_STYLET_18G */
     const ndl_rod_stiffness *stiffness; /* overrules the section; default NULL */
-    ndl_rod_rest rest;      /* default NDL_REST_STRAIGHT */
+    ndl_rod_rest rest;                  /* default NDL_REST_STRAIGHT */
     const sb_real *rest_curvature; /* [node_count][2] (1/m) for NDL_REST_CURVATURE: curvature towards m1 and towards m2
-                             * at each node; those of the two ends are not used */
-    sb_vec3 director;       /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
-    int clamped;            /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
-    sb_vec3 gravity;        /* m/s^2; default 0 */
+                                    * at each node; those of the two ends are not used */
+    sb_vec3 director; /* m1 of the first edge, projected to be across it and made a unit vector; default 0: any */
+    int clamped;      /* 1 (default): nodes 0 and 1 and the frame of edge 0 are held. 0: free */
+    sb_vec3 gravity;  /* m/s^2; default 0 */
     sb_real damping_stretch; /* s, >= 0: viscous stress is this times the rate of the elastic one; default 1e-4 */
     sb_real damping_bending; /* s, >= 0; the same for bending. It acts on the rate of the curvature vector, so that it
-                             * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
-    int max_newton; /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
-    sb_real tolerance;      /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
+                              * also slows, weakly, a bent rod that tumbles as a whole; default 1e-4 */
+    int max_newton;    /* Newton iterations of a step: 1 is one linear system, as in a coupled needle; default 30 */
+    sb_real tolerance; /* out-of-balance force that a step leaves, relative to the largest, (0, 1); default 1e-6 */
     sb_allocator allocator; /* default malloc */
     unsigned cookie;        /* set by ndl_default_rod_def; a def made without it is refused */
 } ndl_rod_def;
@@ -124,9 +124,9 @@ NDL_API sb_result ndl_rod_set_grip(ndl_rod *rod, int edge, sb_real stiffness, sb
 /* What a step or static solve did; every call writes every field. */
 typedef struct ndl_rod_info {
     int newton_iterations;
-    sb_real residual;    /* largest out-of-balance force over the largest force at work, at the last check */
-    int capped;          /* 1: max_newton was reached before the tolerance, and the last state was taken */
-    int damped;          /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
+    sb_real residual; /* largest out-of-balance force over the largest force at work, at the last check */
+    int capped;       /* 1: max_newton was reached before the tolerance, and the last state was taken */
+    int damped;       /* 1: the step was taken by implicit Euler, because Newmark would have gained energy */
     sb_error error;
 } ndl_rod_info;
 
@@ -143,10 +143,10 @@ NDL_API sb_result ndl_rod_step(ndl_rod *rod, sb_real dt, ndl_rod_info *info);
 
 /* How a static solve goes about its work. Start from ndl_default_rod_static_options(). */
 typedef struct ndl_rod_static_options {
-    int max_newton;      /* >= 1; default 500 */
-    sb_real tolerance;   /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
-                          * rounding of positions leaves of it */
-    unsigned cookie;     /* set by ndl_default_rod_static_options */
+    int max_newton;    /* >= 1; default 500 */
+    sb_real tolerance; /* largest out-of-balance force over the largest force at work, (0, 1); default 1e-9, or what
+                        * rounding of positions leaves of it */
+    unsigned cookie;   /* set by ndl_default_rod_static_options */
 } ndl_rod_static_options;
 
 NDL_API ndl_rod_static_options ndl_default_rod_static_options(void);
@@ -190,9 +190,9 @@ NDL_API sb_result ndl_rod_reparameterise(ndl_rod *rod, const sb_vec3 *positions,
 
 /* ---- readings: no allocation ---- */
 NDL_API int ndl_rod_node_count(const ndl_rod *rod);
-NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);  /* [node_count] (m), valid until destroyed */
-NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod); /* [node_count] (m/s) */
-NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);    /* kg */
+NDL_API const sb_vec3 *ndl_rod_positions(const ndl_rod *rod);      /* [node_count] (m), valid until destroyed */
+NDL_API const sb_vec3 *ndl_rod_velocities(const ndl_rod *rod);     /* [node_count] (m/s) */
+NDL_API sb_real ndl_rod_mass(const ndl_rod *rod, int node);        /* kg */
 NDL_API sb_real ndl_rod_rest_length(const ndl_rod *rod, int edge); /* m */
 
 /* Orthonormal, right-handed: m1 x m2 = t. */
@@ -210,7 +210,7 @@ NDL_API sb_real ndl_rod_twist(const ndl_rod *rod, int node);
 
 typedef struct ndl_rod_energy {
     sb_real stretch, bend, twist, kinetic; /* J */
-    sb_real grip;        /* J: in the springs of ndl_rod_set_grip */
+    sb_real grip;                          /* J: in the springs of ndl_rod_set_grip */
 } ndl_rod_energy;
 NDL_API ndl_rod_energy ndl_rod_energies(const ndl_rod *rod);
 /* Elastic and viscous force (N) on every node from the present state, forces[node_count]: minus the gradient of the

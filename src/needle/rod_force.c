@@ -72,8 +72,8 @@ static int ndli_rod_set_bend(const ndl_rod *rod, int i, const double *theta)
     shape->chi[i] = chi;
     shape->binormal[i] = ndli_scale(2 / chi, ndli_cross(a, b));
     carried = ndli_rod_transport(a, b, shape->director[i - 1]);
-    shape->reference[i] = sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b),
-                                          ndli_dot(carried, shape->director[i]));
+    shape->reference[i] =
+        sbi_dense_atan2(ndli_dot(ndli_cross(carried, shape->director[i]), b), ndli_dot(carried, shape->director[i]));
     shape->twist[i] = theta[i] - theta[i - 1] + shape->reference[i];
     return 1;
 }
@@ -152,8 +152,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
         if (rod->viscous_stretch > 0) {
             double change = (rod->shape.length[j] - rod->old_length[j]) / rod->rest_length[j];
             sums.viscous += 0.5 * rod->viscous_stretch * rod->stretch * rod->rest_length[j] * change * change;
-            sums.noise += rod->viscous_stretch * rod->stretch * rod->rest_length[j] *
-                          (fabs(change) + unknown) * unknown;
+            sums.noise +=
+                rod->viscous_stretch * rod->stretch * rod->rest_length[j] * (fabs(change) + unknown) * unknown;
         }
         sums.noise += rod->stretch * rod->rest_length[j] * (fabs(strain) + unknown) * unknown;
     }
@@ -173,8 +173,8 @@ NDLI_API ndli_rod_sums ndli_rod_shape_energy(const ndl_rod *rod)
 typedef struct ndli_rod_local {
     ndli_v3 edge[2];
     double turn[2];
-    ndli_m3 edges[2][2];    /* [1][0] is the transpose of [0][1] and not kept */
-    ndli_v3 cross[2][2];    /* [edge][theta] */
+    ndli_m3 edges[2][2]; /* [1][0] is the transpose of [0][1] and not kept */
+    ndli_v3 cross[2][2]; /* [edge][theta] */
     double turns[2], turns_between;
 } ndli_rod_local;
 

@@ -147,8 +147,8 @@ NDLI_API void ndli_rod_spread_grip(const ndl_rod *rod, const double *old_at, con
             }
             grip += share * rod->grip[j];
             limit += share * rod->grip_limit[j];
-            torque += share * rod->grip[j] *
-                      (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
+            torque +=
+                share * rod->grip[j] * (rod->theta[j] - rod->anchor[j] + off * ndli_rod_lag_slope(rod, old_at, j));
         }
         spread->grip[k] = grip;
         spread->limit[k] = limit;

@@ -14,88 +14,89 @@
 /* Geometry of a rod in a shape that is tried: all that energies and their derivatives are made of. */
 typedef struct ndli_rod_shape {
     ndli_v3 *tangent;  /* [edges] */
-    double *length;   /* [edges] (m) */
+    double *length;    /* [edges] (m) */
     ndli_v3 *director; /* [edges] the state's, carried along with the edge */
     ndli_v3 *m1, *m2;  /* [edges] */
     ndli_v3 *binormal; /* [nodes] kb; inner nodes only */
-    double *chi;      /* [nodes] 1 + t.t' */
-    double *twist;    /* [nodes] (rad) */
+    double *chi;       /* [nodes] 1 + t.t' */
+    double *twist;     /* [nodes] (rad) */
     double *reference; /* [nodes] (rad) of it, what the directors make */
-    double *lag;      /* [edges] (rad) how far the surroundings' springs are wound */
+    double *lag;       /* [edges] (rad) how far the surroundings' springs are wound */
 } ndli_rod_shape;
 
 /* Second derivatives of the energy, lower half. Blocks of node i with nodes i, i - 1, i - 2. */
 typedef struct ndli_rod_matrix {
-    ndli_m3 (*node)[3];   /* [nodes] (N/m) */
-    ndli_v3 (*cross)[4];  /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
+    ndli_m3 (*node)[3];  /* [nodes] (N/m) */
+    ndli_v3 (*cross)[4]; /* [edges] theta_j with nodes j - 1 .. j + 2 (N/rad) */
     double *turn;        /* [edges] theta_j with itself (N m) */
     double *turn_before; /* [edges] theta_j with theta_j-1 */
 } ndli_rod_matrix;
 
 struct ndl_rod {
     sb_allocator allocator;
-    void *memory;            /* the one block behind the arrays */
+    void *memory; /* the one block behind the arrays */
     int capacity;
     int node_count;
     double stretch, bending[2], torsion, line_density; /* N, N m^2, N m^2, kg/m */
-    int plain;               /* 1: isotropic and straight at rest, so that bending does not see the material frames */
+    int plain; /* 1: isotropic and straight at rest, so that bending does not see the material frames */
     ndli_v3 gravity;
     double damping_stretch, damping_bending; /* s */
     int max_newton;
     double tolerance;
 
-    ndli_v3 *x, *v, *a;      /* [nodes] */
-    ndli_v3 *director;       /* [edges] */
-    double *theta;          /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
-    ndli_v3 *tangent;        /* [edges] of x */
+    ndli_v3 *x, *v, *a; /* [nodes] */
+    ndli_v3 *director;  /* [edges] */
+    double *theta;      /* [edges] (rad) material frame from the director, about the tangent; whole turns count */
+    ndli_v3 *tangent;   /* [edges] of x */
 
     double *rest_length;    /* [edges] (m) */
     double (*rest_bend)[2]; /* [nodes] integrated rest curvature (2 tan of half the turn) towards m1 and m2; a density
-                              * is this over the cell */
+                             * is this over the cell */
     double *mass;           /* [nodes] (kg) */
     double *cell;           /* [nodes] (m) length that bends at an inner node: half of both edges, of one at a clamp */
 
-    unsigned char *held;     /* [nodes] */
-    ndli_v3 *target;         /* [nodes] where held nodes will be, */
-    ndli_v3 *target_velocity; /* [nodes] with this velocity */
+    unsigned char *held;         /* [nodes] */
+    ndli_v3 *target;             /* [nodes] where held nodes will be, */
+    ndli_v3 *target_velocity;    /* [nodes] with this velocity */
     unsigned char *has_velocity; /* [nodes] 1: target_velocity was given */
-    unsigned char *turn_held; /* [edges] */
-    double *turn;           /* [edges] (rad) still to turn in the next step */
-    int base_director_set;   /* 1: the base shall be turned so that its m1 becomes base_director */
+    unsigned char *turn_held;    /* [edges] */
+    double *turn;                /* [edges] (rad) still to turn in the next step */
+    int base_director_set;       /* 1: the base shall be turned so that its m1 becomes base_director */
     ndli_v3 base_director;
-    ndli_v3 *force;          /* [nodes] dead loads (N) */
-    double *torque;         /* [edges] (N m) */
-    int grips;               /* edges with a grip */
+    ndli_v3 *force;            /* [nodes] dead loads (N) */
+    double *torque;            /* [edges] (N m) */
+    int grips;                 /* edges with a grip */
     double *grip, *grip_limit; /* [edges] the surroundings' grip: N m/rad; N m */
-    double *anchor;         /* [edges] (rad) theta at which that spring is not wound */
-    ndli_v3 *reaction;       /* [nodes] */
-    double *reaction_torque; /* [edges] */
+    double *anchor;            /* [edges] (rad) theta at which that spring is not wound */
+    ndli_v3 *reaction;         /* [nodes] */
+    double *reaction_torque;   /* [edges] */
 
     sb_vec3 *public_x, *public_v, *public_reaction; /* [nodes] what readings return */
 
-    int energy_monitored;    /* 1: energy_before is the energy (J) when supports or loads last changed */
+    int energy_monitored; /* 1: energy_before is the energy (J) when supports or loads last changed */
     double energy_before;
 
     /* what follows holds nothing between calls */
-    double viscous_stretch, viscous_bend; /* within a step: damping time over dt, of strains measured from those below */
-    double *old_length;      /* [edges] (m) */
-    ndli_v3 *old_binormal;   /* [nodes] */
-    double (*old_bend)[4];   /* [nodes] curvature in the frame of the edge before, of the edge after */
+    double viscous_stretch,
+        viscous_bend;      /* within a step: damping time over dt, of strains measured from those below */
+    double *old_length;    /* [edges] (m) */
+    ndli_v3 *old_binormal; /* [nodes] */
+    double (*old_bend)[4]; /* [nodes] curvature in the frame of the edge before, of the edge after */
     ndli_rod_shape shape;
     ndli_rod_matrix matrix;
-    ndli_v3 *gradient;       /* [nodes] */
-    double *turn_gradient;  /* [edges] */
-    ndli_v3 *try_x, *best_x, *step_x; /* [nodes] */
+    ndli_v3 *gradient;                           /* [nodes] */
+    double *turn_gradient;                       /* [edges] */
+    ndli_v3 *try_x, *best_x, *step_x;            /* [nodes] */
     double *try_theta, *best_theta, *step_theta; /* [edges] */
-    ndli_v3 *predicted;      /* [nodes] where inertia alone takes free nodes; targets of held ones */
+    ndli_v3 *predicted; /* [nodes] where inertia alone takes free nodes; targets of held ones */
     ndli_m3 *damping_before, *damping_after,
         *damping_weight;      /* [nodes] d kb/d e_i-1, d kb/d e_i, tau times stiffness */
     ndli_v3 *damping_tangent; /* [edges] */
-    double *band;           /* [4 nodes][NDLI_ROD_WIDTH + 1] */
-    double *unknown;        /* [4 nodes] */
-    ndli_v3 *saved_nodes;    /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
-    double *saved_reals;     /* [NDLI_ROD_SAVED_REALS nodes] */
-    double *saved_turns;     /* [edges] */
+    double *band;             /* [4 nodes][NDLI_ROD_WIDTH + 1] */
+    double *unknown;          /* [4 nodes] */
+    ndli_v3 *saved_nodes;     /* [NDLI_ROD_SAVED_NODES nodes] copies for undo */
+    double *saved_reals;      /* [NDLI_ROD_SAVED_REALS nodes] */
+    double *saved_turns;      /* [edges] */
 };
 
 /* Unknowns of node i: x_i, theta_i. A bend couples the first of x_i-1 (4 i - 4) to the last of x_i+1 (4 i + 6). */
@@ -179,16 +180,16 @@ NDLI_API void ndli_rod_restore(ndl_rod *rod);
 /* Minimises the energy over the angles that are not held, nodes where they are and directors as they are. */
 NDLI_API void ndli_rod_relax(ndl_rod *rod);
 NDLI_API int ndli_rod_any_turn_held(const ndl_rod *rod);
-/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its first
- * edge stays. */
+/* Whether theta_j is no unknown. Nothing determines how a plain rod is turned that is held and gripped nowhere: its
+ * first edge stays. */
 NDLI_API int ndli_rod_turn_known(const ndl_rod *rod, int j, int any_held);
 /* Torque per radian that is little beside twist, and keeps turns determined that no energy sees. */
 NDLI_API double ndli_rod_turn_floor(const ndl_rod *rod, int j);
 
 /* ---- rod_step ---- */
 
-/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0: Newton
- * found none, and the state is as before. */
+/* One step of implicit Euler by Newton's method, to the targets of held nodes; reactions are those of its end. 0:
+ * Newton found none, and the state is as before. */
 NDLI_API int ndli_rod_step_euler(ndl_rod *rod, double dt);
 
 /* ---- rod_grip ---- */

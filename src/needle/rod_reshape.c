@@ -66,26 +66,25 @@ static double ndli_rod_curve_at(const ndli_rod_curve *curve, double u, int flat,
     s1 = curve->slope[i + 1];
     width = curve->at[i + 1] - curve->at[i];
     m = ndli_rod_secant(curve, i);
-    return curve->value[i] +
-           d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
+    return curve->value[i] + d * (s0 + d / width * (3 * m - 2 * s0 - s1 + d / width * (s0 + s1 - 2 * m)));
 }
 
 /* ---- from the old nodes to the new ones ---- */
 
 /* A reparameterisation while it is being made, all in the rod's scratch. */
 typedef struct ndli_rod_reshape {
-    int count;             /* new nodes */
-    const ndli_v3 *x;      /* [count] */
-    ndli_v3 *v, *a;        /* [count] */
+    int count;                   /* new nodes */
+    const ndli_v3 *x;            /* [count] */
+    ndli_v3 *v, *a;              /* [count] */
     ndli_v3 *tangent, *director; /* [count - 1] */
-    double *old_at;        /* [old nodes] (m) arc distance of the old nodes */
-    double *at;            /* [count] the new nodes', on the same scale */
-    double *length;        /* [count - 1] (m) */
-    double *rest_length;   /* [count - 1] (m) */
-    double *theta;         /* [count - 1] (rad) */
-    double *curvature[2];  /* [count] (1/m) at rest; inner nodes */
-    ndli_rod_spread grip;  /* [count - 1] */
-    ndli_rod_curve curve;  /* what is interpolated; stations' room for the old nodes */
+    double *old_at;              /* [old nodes] (m) arc distance of the old nodes */
+    double *at;                  /* [count] the new nodes', on the same scale */
+    double *length;              /* [count - 1] (m) */
+    double *rest_length;         /* [count - 1] (m) */
+    double *theta;               /* [count - 1] (rad) */
+    double *curvature[2];        /* [count] (1/m) at rest; inner nodes */
+    ndli_rod_spread grip;        /* [count - 1] */
+    ndli_rod_curve curve;        /* what is interpolated; stations' room for the old nodes */
 } ndli_rod_reshape;
 
 /* Hands out the scratch: 13 of the 44 reals a node of rod->band, and node arrays but try_x. */
@@ -255,8 +254,8 @@ static int ndli_rod_interpolate_curvature(const ndl_rod *rod, ndli_rod_reshape *
     return -1;
 }
 
-/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the polyline,
- * and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
+/* Director and angle of the new edges. Angles are measured from a frame that parallel transport lays along the
+ * polyline, and along another polyline it lies a little otherwise: material frames are kept, angles make up for it. */
 static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *reshape)
 {
     ndli_rod_curve curve = reshape->curve;
@@ -268,8 +267,8 @@ static void ndli_rod_interpolate_frames(const ndl_rod *rod, ndli_rod_reshape *re
     }
     ndli_rod_set_slopes(&curve);
     reshape->theta[0] = rod->theta[0];
-    reshape->director[0] = ndli_rod_across(
-        ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]), reshape->tangent[0]);
+    reshape->director[0] = ndli_rod_across(ndli_rod_transport(rod->tangent[0], reshape->tangent[0], rod->director[0]),
+                                           reshape->tangent[0]);
     for (int j = 1; j < reshape->count - 1; j++) {
         ndli_v3 t = reshape->tangent[j], d, carried;
         double u = 0.5 * (reshape->at[j] + reshape->at[j + 1]);

@@ -54,7 +54,7 @@ static size_t ndli_rod_walk(ndl_rod *rod, int node_count, ndli_image *image)
 {
     ndli_v3 *node_vectors[] = {rod->x, rod->v, rod->a, rod->target, rod->target_velocity, rod->force, rod->reaction};
     ndli_v3 *edge_vectors[] = {rod->director, rod->tangent};
-    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,       rod->torque,
+    double *edge_reals[] = {rod->theta, rod->rest_length, rod->turn,   rod->torque,
                             rod->grip,  rod->grip_limit,  rod->anchor, rod->reaction_torque};
     size_t n = (size_t)node_count, flags;
     for (size_t i = 0; i < sizeof node_vectors / sizeof *node_vectors; i++)
@@ -124,8 +124,9 @@ static sb_result ndli_rod_check_head(const ndl_rod *rod, const ndli_rod_head *he
     if (head->node_count > rod->capacity)
         return sbi_fail(error, SB_ERROR_STATE, "the saved rod has %d nodes, this one room for %d", head->node_count,
                         rod->capacity);
-    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count || !ndli_state_is_flag(head->plain) ||
-        !ndli_state_is_flag(head->base_director_set) || !ndli_state_is_flag(head->energy_monitored))
+    if (head->node_count < 2 || head->grips < 0 || head->grips >= head->node_count ||
+        !ndli_state_is_flag(head->plain) || !ndli_state_is_flag(head->base_director_set) ||
+        !ndli_state_is_flag(head->energy_monitored))
         return sbi_fail(error, SB_ERROR_FORMAT, "the saved rod has counts or flags out of their range");
     return SB_OK;
 }

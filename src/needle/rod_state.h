@@ -6,13 +6,13 @@
 
 /* For rods that are stepped by themselves: a needle's is part of its body's state (sb_body_state_save).
  *
- * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for bit,
- * also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the same def,
- * in the same precision; capacity and allocator may differ.
+ * A saved rod holds all that steps, setters and splits change. What follows a load is what followed the save, bit for
+ * bit, also in another process or machine with the same order of bytes. It is loaded into a rod that was made from the
+ * same def, in the same precision; capacity and allocator may differ.
  *
- * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing that a
- * step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates nothing. Buffers
- * need no alignment.
+ * size: bytes that save writes for the rod as it is. save: size must be at least that, what is behind stays; nothing
+ * that a step could notice changes, nothing is allocated. load: size may be larger than what was saved; allocates
+ * nothing. Buffers need no alignment.
  *
  * Failures leave everything as it was (and `error` may be NULL): SB_ERROR_ARGUMENT (NULL, or too small a buffer);
  * SB_ERROR_FORMAT (no saved rod, cut short, damaged, a count out of its range); SB_ERROR_UNSUPPORTED (other version,

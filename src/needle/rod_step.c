@@ -8,7 +8,7 @@
 #include "rod_private.h"
 
 typedef struct ndli_rod_problem {
-    double inertia;   /* 1/s^2: d a'/d x'; 0: statics */
+    double inertia; /* 1/s^2: d a'/d x'; 0: statics */
     int max_newton;
     double tolerance;
 } ndli_rod_problem;
@@ -148,8 +148,8 @@ static void ndli_rod_pin_band(ndl_rod *rod, double shift)
         *ndli_rod_band_at(rod, row, row) *= 1 + shift;
         if (!known)
             continue;
-        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH);
-             other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH); other++)
+        for (int other = sbi_max_int(0, row - NDLI_ROD_WIDTH); other <= sbi_min_int(n - 1, row + NDLI_ROD_WIDTH);
+             other++)
             *ndli_rod_band_at(rod, sbi_max_int(row, other), sbi_min_int(row, other)) = 0;
         *ndli_rod_band_at(rod, row, row) = 1;
         rod->unknown[row] = 0;
@@ -480,8 +480,8 @@ static sb_result ndli_rod_try_step(ndl_rod *rod, double dt, int euler, ndl_rod_i
     if (result != SB_OK)
         return result;
     for (int i = 0; i < rod->node_count; i++) {
-        ndli_v3 v = rod->has_velocity[i] ? rod->target_velocity[i]
-                                         : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
+        ndli_v3 v =
+            rod->has_velocity[i] ? rod->target_velocity[i] : ndli_scale(1 / dt, ndli_sub(rod->try_x[i], rod->x[i]));
         if (rod->held[i]) {
             rod->a[i] = ndli_scale(1 / dt, ndli_sub(v, rod->v[i]));
         } else {
@@ -595,8 +595,8 @@ static sb_result ndli_rod_solve_piece(ndl_rod *rod, const ndli_rod_problem *prob
     for (int i = 0; i < rod->node_count; i++) {
         rod->predicted[i] = rod->x[i];
         if (rod->held[i])
-            rod->predicted[i] = share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i]))
-                                          : rod->target[i];
+            rod->predicted[i] =
+                share < 1 ? ndli_madd(rod->x[i], share, ndli_sub(rod->target[i], rod->x[i])) : rod->target[i];
         rod->try_x[i] = rod->x[i];
     }
     ndli_rod_set_turns(rod, share);
@@ -654,9 +654,10 @@ NDL_API sb_result ndl_rod_solve_static(ndl_rod *rod, const ndl_rod_static_option
         ndli_rod_restore(rod);
         memcpy(rod->turn, rod->saved_turns, n * sizeof *rod->turn);
         rod->base_director_set = base_director_set;
-        return ndli_rod_fail(info, result, result == SB_ERROR_NOT_CONVERGED
-                                               ? "max_newton was reached; the rod is as it was"
-                                               : "Newton found no step that lowers the energy; the rod is as it was");
+        return ndli_rod_fail(info, result,
+                             result == SB_ERROR_NOT_CONVERGED
+                                 ? "max_newton was reached; the rod is as it was"
+                                 : "Newton found no step that lowers the energy; the rod is as it was");
     }
     memset(rod->v, 0, n * sizeof *rod->v);
     memset(rod->a, 0, n * sizeof *rod->a);

@@ -167,7 +167,7 @@ static void ndli_steer_skip_empty(ndl_plan *plan, sb_real least)
         plan->length -= plan->pieces[0].length;
         plan->piece_count--;
         memmove(plan->pieces, plan->pieces + 1, (size_t)plan->piece_count * sizeof plan->pieces[0]);
-        plan->pieces[0].turn = turn > (sb_real)3.14159265358979  ? turn - (sb_real)6.28318530717959
+        plan->pieces[0].turn = turn > (sb_real)3.14159265358979    ? turn - (sb_real)6.28318530717959
                                : turn < -(sb_real)3.14159265358979 ? turn + (sb_real)6.28318530717959
                                                                    : turn;
     }

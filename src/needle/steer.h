@@ -67,8 +67,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
  * SB_ERROR_NOT_FINITE; *shift is then untouched. */
 NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *deformation, sb_vec3 *shift);
 /* Curvature (1/m) that a bevel gives in rigid tissue, with edges and advances as given (see above for errors). */
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature);
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature);
 
 /* ---- obstacles ---- */
 
@@ -130,13 +129,13 @@ typedef struct ndl_plan_def {
     sb_real tolerance;  /* m, in [1e-6 max_length, max_length]; default 1/1000 of the radius 1/curvature */
     int max_boxes;      /* most boxes of one search, >= 1; default 5000. When they run out `bound` is lower */
     const ndl_obstacle *obstacles; /* [obstacle_count], borrowed; default none. For a controller they may be moved, but
-                        * not added to, between updates */
+                                    * not added to, between updates */
     int obstacle_count;
-    sb_real clearance;  /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
-                         * radius */
-    int max_pieces;     /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
-    int samples;        /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
-    unsigned cookie;    /* set by ndl_default_plan_def; a def made without it is refused */
+    sb_real clearance; /* m from obstacles, >= 0: half the needle's diameter, and margin; default 1/200 of the
+                        * radius */
+    int max_pieces;    /* 1 ... NDL_PLAN_PIECES; default 3. More than one is used only where obstacles ask for it */
+    int samples;       /* paths tried past obstacles for each number of pieces, >= 1; default 400 */
+    unsigned cookie;   /* set by ndl_default_plan_def; a def made without it is refused */
 } ndl_plan_def;
 
 NDL_API ndl_plan_def ndl_default_plan_def(sb_real curvature, sb_real max_length);
@@ -175,22 +174,22 @@ typedef struct ndl_steer_command {
 
 /* Start from ndl_default_steer_def. */
 typedef struct ndl_steer_def {
-    ndl_plan_def plan;   /* plan.max_length is that of the whole insertion */
-    sb_real reserve;     /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
-                          * than it should, or tissue that gives way, can be made up for; default 0.2 */
-    sb_real step;        /* m of insertion per update, > 0; default 1/100 of the radius */
-    sb_real max_turn;    /* rad per update, > 0; default 1 */
-    sb_real turn_gain;   /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
-                          * the tip follows the base late */
-    sb_real turn_first;  /* rad: insertion waits while the roll is further off than this; default 0.3 */
-    int max_wait;        /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
-    sb_real reach;       /* m, > 0: what counts as reached; default 1/100 of the radius */
-    int max_updates;     /* >= 1; default 10000 */
-    sb_real learn;       /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
-                          * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
-                          * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
-                          * curvature */
-    unsigned cookie;     /* set by ndl_default_steer_def */
+    ndl_plan_def plan;  /* plan.max_length is that of the whole insertion */
+    sb_real reserve;    /* share of the curvature, in [0, 1), that plans do not use, so that a needle that bends less
+                         * than it should, or tissue that gives way, can be made up for; default 0.2 */
+    sb_real step;       /* m of insertion per update, > 0; default 1/100 of the radius */
+    sb_real max_turn;   /* rad per update, > 0; default 1 */
+    sb_real turn_gain;  /* share of the tip's error in roll made good per update, in (0, 1]; default 0.5. Lower where
+                         * the tip follows the base late */
+    sb_real turn_first; /* rad: insertion waits while the roll is further off than this; default 0.3 */
+    int max_wait;       /* updates it waits at a stretch, >= 0; default 40. Then it goes on */
+    sb_real reach;      /* m, > 0: what counts as reached; default 1/100 of the radius */
+    int max_updates;    /* >= 1; default 10000 */
+    sb_real learn;      /* m of insertion, >= 0, over which the tip's way is averaged to learn where it really goes
+                         * (see ndl_steer_update). Default 12/100 of the radius; shorter where the sensed position is
+                         * good, longer where it is noisy; 0: the tip is taken to go where it looks, with the given
+                         * curvature */
+    unsigned cookie;    /* set by ndl_default_steer_def */
 } ndl_steer_def;
 
 /* curvature and max_length as in ndl_default_plan_def. */
@@ -200,22 +199,22 @@ NDL_API ndl_steer_def ndl_default_steer_def(sb_real curvature, sb_real max_lengt
 typedef struct ndl_steer {
     ndl_steer_def def;
     ndl_steer_status status;
-    sb_real inserted;  /* m commanded */
+    sb_real inserted;   /* m commanded */
     int updates, plans; /* plans: how often a way past the obstacles was searched */
-    int waited;        /* updates of the present wait */
-    int next_search;   /* the update from which a better way is looked for again, while the present one is clear */
+    int waited;         /* updates of the present wait */
+    int next_search;    /* the update from which a better way is looked for again, while the present one is clear */
     int waypoint_count;
     sb_vec3 waypoints[NDL_PLAN_PIECES - 1]; /* m, where the pieces before the last one end */
-    ndl_plan plan;     /* from the last sensed tip */
-    sb_real curvature; /* 1/m: def.plan.curvature, as measured since: between half of it and all */
-    sb_vec3 drift;     /* the tip's way less where it looks, across: small angles (rad) */
+    ndl_plan plan;                          /* from the last sensed tip */
+    sb_real curvature;                      /* 1/m: def.plan.curvature, as measured since: between half of it and all */
+    sb_vec3 drift;                          /* the tip's way less where it looks, across: small angles (rad) */
     /* internal: what it is learned from */
-    ndl_tip_pose tip;  /* the last one sensed */
-    sb_vec3 way;       /* unit: where it was found to go */
-    sb_vec3 first;     /* t of the first one */
-    sb_real advance;   /* m: what was inserted since */
-    sb_real weight;    /* m^2: that of the present estimate of the curvature */
-    int bends;         /* 1: the tip has been seen to bend, so it is in tissue */
+    ndl_tip_pose tip; /* the last one sensed */
+    sb_vec3 way;      /* unit: where it was found to go */
+    sb_vec3 first;    /* t of the first one */
+    sb_real advance;  /* m: what was inserted since */
+    sb_real weight;   /* m^2: that of the present estimate of the curvature */
+    int bends;        /* 1: the tip has been seen to bend, so it is in tissue */
 } ndl_steer;
 
 /* SB_ERROR_ARGUMENT and SB_ERROR_NOT_FINITE leave *steer untouched. */
@@ -257,12 +256,12 @@ NDL_API ndl_push_def ndl_default_push_def(void);
 
 /* A PI controller: plain data, may be copied. Fields are read-only. */
 typedef struct ndl_push {
-    ndl_push_def def;      /* directions made unit vectors */
-    sb_vec3 integral;      /* m: the integral part of the displacement asked for */
-    sb_vec3 force;         /* N */
-    sb_vec3 error;         /* m: way that the point has still to go, across the path; 0 when there */
-    int arrived;           /* the last error was within the tolerance */
-    int limited;           /* the force asked for was beyond the cone, max_force or max_rate */
+    ndl_push_def def; /* directions made unit vectors */
+    sb_vec3 integral; /* m: the integral part of the displacement asked for */
+    sb_vec3 force;    /* N */
+    sb_vec3 error;    /* m: way that the point has still to go, across the path; 0 when there */
+    int arrived;      /* the last error was within the tolerance */
+    int limited;      /* the force asked for was beyond the cone, max_force or max_rate */
 } ndl_push;
 
 /* SB_ERROR_ARGUMENT (field named; a compliance that moves nothing across the path), _NOT_FINITE leave *push untouched.

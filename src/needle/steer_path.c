@@ -8,8 +8,7 @@ NDLI_API sb_result ndli_pose_read(const ndl_tip_pose *tip, ndli_pose *pose)
     const ndl_frame *f = &tip->frame;
     ndli_v3 m1 = ndli_from(f->m1), m2 = ndli_from(f->m2), t = ndli_from(f->t), off;
     double length;
-    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) ||
-        !sb_v3_is_finite(f->t))
+    if (!sb_v3_is_finite(tip->position) || !sb_v3_is_finite(f->m1) || !sb_v3_is_finite(f->m2) || !sb_v3_is_finite(f->t))
         return SB_ERROR_NOT_FINITE;
     off = ndli_sub(ndli_cross(m1, m2), t);
     if (!(fabs(ndli_norm(t) - 1) < 1e-3) || !(fabs(ndli_norm(m2) - 1) < 1e-3) || !(fabs(ndli_norm(m1) - 1) < 1e-3) ||
@@ -216,8 +215,7 @@ NDL_API sb_result ndl_bevel_offset(const ndl_bevel *bevel, sb_real advance, sb_r
     return SB_OK;
 }
 
-NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length,
-                                      sb_real *curvature)
+NDL_API sb_result ndl_bevel_curvature(const ndl_bevel *bevel, sb_real advance, sb_real edge_length, sb_real *curvature)
 {
     double d = (double)advance, l = (double)edge_length;
     sb_result result = ndli_bevel_check(bevel, d, l);
@@ -251,10 +249,7 @@ NDL_API sb_result ndl_bevel_shift(sb_real offset, sb_vec3 m2, const sb_mat3 *def
 
 /* ---- obstacles ---- */
 
-static double ndli_path_clamp(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_path_clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 static double ndli_distance_capsule(const ndl_obstacle *o, ndli_v3 p)
 {

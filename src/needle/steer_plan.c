@@ -12,7 +12,7 @@ enum { NDLI_SEARCH_STACK = 128, NDLI_SEARCH_STARTS = 4, NDLI_SEARCH_SEEDS = 256 
 
 typedef struct ndli_search {
     double k, s_max, w_low, w_high;
-    ndli_v3 g; /* target in the tip's frame */
+    ndli_v3 g;  /* target in the tip's frame */
     double rho; /* its distance from the tip's axis */
     int turn;
     double tolerance;
@@ -85,10 +85,7 @@ static int ndli_search_leaves(double x, double low, double high, double gradient
     return (x <= low && gradient > 0) || (x >= high && gradient < 0);
 }
 
-static double ndli_search_into(double x, double low, double high)
-{
-    return x < low ? low : x > high ? high : x;
-}
+static double ndli_search_into(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 /* Levenberg-Marquardt within the limits, from (*s, *w); a variable at a limit that the descent would leave stays. */
 static void ndli_search_descend(const ndli_search *q, double *s, double *w)
@@ -611,8 +608,8 @@ NDL_API sb_result ndl_plan_make(const ndl_plan_def *def, const ndl_tip_pose *tip
         return result;
     result = ndli_pose_read(tip, &pose);
     if (result != SB_OK)
-        return sbi_fail(error, result, result == SB_ERROR_NOT_FINITE ? "the tip is not finite"
-                                                                     : "the tip's frame is not orthonormal");
+        return sbi_fail(error, result,
+                        result == SB_ERROR_NOT_FINITE ? "the tip is not finite" : "the tip's frame is not orthonormal");
     if (!sb_v3_is_finite(target))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the target is not finite");
     ndli_plan_search(def, &pose, ndli_from(target), 0, plan);

@@ -149,7 +149,8 @@ static void ndli_topology_measure(ndli_topology *t, int tet)
 }
 
 /* ---- rings ----
- * Ascending, so that they are a function of the mesh alone: sums over them have the same bits whatever was done and undone. */
+ * Ascending, so that they are a function of the mesh alone: sums over them have the same bits whatever was done and
+ * undone. */
 
 static void ndli_topology_join(ndli_topology *t, int corner, int node)
 {
@@ -347,7 +348,7 @@ static int ndli_topology_is_tet(const ndli_topology *t, int tet)
 }
 
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
-                                 sb_real weights[4])
+                                sb_real weights[4])
 {
     sb_real w[4], slack = -64 * SB_EPSILON;
     int tet = start, from = -1;
@@ -605,7 +606,7 @@ NDLI_API int ndli_topology_cut(ndli_topology *mesh, const int *simplex, int size
 }
 
 NDLI_API void ndli_topology_mend(ndli_topology *mesh, int node, const int *simplex, int size, const int *groups,
-                               int count)
+                                 int count)
 {
     for (int g = count - 1; g >= 0; g--) {
         for (int j = size - 1; j > 0; j--)
@@ -719,7 +720,7 @@ static void ndli_topology_cosines(const ndli_topology *t, int tet, sb_real *low,
 }
 
 NDLI_API void ndli_topology_quality(const ndli_topology *mesh, sb_real *worst_quality, sb_real *min_dihedral,
-                                     sb_real *max_dihedral)
+                                    sb_real *max_dihedral)
 {
     sb_real worst = 1, low = 1, high = -1, degrees = (sb_real)57.295779513082323;
     if (!mesh)
@@ -834,8 +835,10 @@ NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const
 NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
                                               int max_owner, sb_error *error)
 {
-    enum { KNOWN = NDLI_NODE_ALIVE | NDLI_NODE_BOUNDARY | NDLI_NODE_INTERFACE | NDLI_NODE_FIXED | NDLI_NODE_CREATED |
-                   NDLI_NODE_NEEDLE };
+    enum {
+        KNOWN = NDLI_NODE_ALIVE | NDLI_NODE_BOUNDARY | NDLI_NODE_INTERFACE | NDLI_NODE_FIXED | NDLI_NODE_CREATED |
+                NDLI_NODE_NEEDLE
+    };
     size_t nodes = (size_t)counts[0];
     const unsigned char *owners = in + ndli_image_room(nodes * sizeof(sb_vec3));
     const unsigned char *flags = owners + ndli_image_room(nodes * sizeof(int));

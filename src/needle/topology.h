@@ -1,4 +1,5 @@
-/* topology: what a remesher knows of a body's tet4 mesh: rings, neighbours, qualities, and how it changes. Floor 6, internal.
+/* topology: what a remesher knows of a body's tet4 mesh: rings, neighbours, qualities, and how it changes. Floor 6,
+ * internal.
  *
  * Slots of nodes and tets are the body's. A change is made here first, while candidates are compared and undone; the
  * remesher then hands it to the body as one change of its mesh. */
@@ -56,8 +57,8 @@ typedef struct ndli_topology_change {
     int node_count;
 } ndli_topology_change;
 
-/* Arrays are for reading, but for the flag of fixed nodes. All lie in one block with slack; it grows by half when a change
- * needs more, which moves them. Slots of removed nodes and tets are used again, last removed first.
+/* Arrays are for reading, but for the flag of fixed nodes. All lie in one block with slack; it grows by half when a
+ * change needs more, which moves them. Slots of removed nodes and tets are used again, last removed first.
  *
  * The tets of a node are a ring of corners: corner 4 t + c is node c of tet t.
  *
@@ -65,8 +66,8 @@ typedef struct ndli_topology_change {
  *         visit(k / 4);
  */
 typedef struct ndli_topology {
-    int node_count, tet_count;       /* in use */
-    int node_end, tet_end;           /* one past the last slot ever used: loops run to here, and skip some */
+    int node_count, tet_count; /* in use */
+    int node_end, tet_end;     /* one past the last slot ever used: loops run to here, and skip some */
     int node_capacity, tet_capacity;
     int original_nodes, original_tets; /* of the mesh it was made from: slots below these */
 
@@ -84,8 +85,8 @@ typedef struct ndli_topology {
     int *corner_next; /* [4] */
     int *corner_prev; /* [4] */
     int *regions;
-    int *parents;     /* tet that it was cut from last, for a tet made by a change; else itself */
-    sb_real *volumes; /* in the material (m^3) */
+    int *parents;       /* tet that it was cut from last, for a tet made by a change; else itself */
+    sb_real *volumes;   /* in the material (m^3) */
     sb_real *qualities; /* 6 sqrt(2) V / l_rms^3: 1 for the regular tet, <= 0 flat or inverted */
 
     sb_allocator allocator;
@@ -97,17 +98,17 @@ typedef struct ndli_topology {
     unsigned char *tet_mark, *node_mark;
     int *touched, touched_count, *affected, affected_count;
     int *displaced_before, displaced_before_count; /* at the begin of the change */
-    ndli_node_event *node_events; /* [2 node_capacity] */
+    ndli_node_event *node_events;                  /* [2 node_capacity] */
     int node_event_count;
-    int *tet_events, tet_event_count;   /* [2 tet_capacity] */
-    int *changed;                       /* [tet_capacity] */
+    int *tet_events, tet_event_count; /* [2 tet_capacity] */
+    int *changed;                     /* [tet_capacity] */
     ndli_node_change *changes;
     int change_count;
     void *block;
 } ndli_topology;
 
-/* Becomes the body's mesh, with nothing known of needles: all nodes are at their own places. Its allocator must be set. 0: no
- * memory, nothing changed. O(nodes + tets). */
+/* Becomes the body's mesh, with nothing known of needles: all nodes are at their own places. Its allocator must be set.
+ * 0: no memory, nothing changed. O(nodes + tets). */
 NDLI_API int ndli_topology_read(ndli_topology *mesh, const sb_body *body);
 /* The same where the body's mesh is one that it has known: keeps X0, owners and flags; there is room. */
 NDLI_API void ndli_topology_read_again(ndli_topology *mesh, const sb_body *body);
@@ -117,9 +118,9 @@ NDLI_API void ndli_topology_look(ndli_topology *mesh, const sb_body *body);
 NDLI_API void ndli_topology_free(ndli_topology *mesh);
 
 /* Tet that holds a point: a walk from `start` (any tet in use) through the faces the point lies behind, in the material
- * (positions = mesh->X) or in space (the body's). Returns the tet and its barycentric weights, all >= 0 but for rounding;
- * or -1 when the walk ends at the surface: then *weights are of the last tet, stretched beyond it. weights: [4], may be
- * NULL. -1 also for a start that is no tet, without weights. */
+ * (positions = mesh->X) or in space (the body's). Returns the tet and its barycentric weights, all >= 0 but for
+ * rounding; or -1 when the walk ends at the surface: then *weights are of the last tet, stretched beyond it. weights:
+ * [4], may be NULL. -1 also for a start that is no tet, without weights. */
 NDLI_API int ndli_topology_find(const ndli_topology *mesh, const sb_vec3 *positions, sb_vec3 point, int start,
                                 sb_real weights[4]);
 /* First surface face that the segment crosses from outside in space; 0 and *hit untouched when
@@ -140,13 +141,14 @@ SB_INLINE sb_real ndli_tet_quality(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d)
     sb_vec3 ab = sb_v3_sub(b, a), ac = sb_v3_sub(c, a), ad = sb_v3_sub(d, a);
     sb_vec3 bc = sb_v3_sub(c, b), bd = sb_v3_sub(d, b), cd = sb_v3_sub(d, c);
     sb_real det = sb_v3_dot(ab, sb_v3_cross(ac, ad));
-    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) +
-                    sb_v3_dot(bd, bd) + sb_v3_dot(cd, cd)) / 6;
+    sb_real mean = (sb_v3_dot(ab, ab) + sb_v3_dot(ac, ac) + sb_v3_dot(ad, ad) + sb_v3_dot(bc, bc) + sb_v3_dot(bd, bd) +
+                    sb_v3_dot(cd, cd)) /
+                   6;
     return mean > 0 ? (sb_real)1.4142135623730951 * det / (mean * sb_sqrt(mean)) : 0;
 }
 NDLI_API void ndli_tet_weights(sb_vec3 a, sb_vec3 b, sb_vec3 c, sb_vec3 d, sb_vec3 p, sb_real weights[4]);
-/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by rounding:
- * the best tet about the start, its weights cut off. */
+/* Tet of a point that lies in the material, by a walk from `start`, and its weights, all >= 0. Just outside by
+ * rounding: the best tet about the start, its weights cut off. */
 NDLI_API int ndli_topology_source(const ndli_topology *mesh, sb_vec3 X, int start, sb_real weights[4]);
 /* 0 when memory for so many more nodes and tets is short: then nothing has changed. */
 NDLI_API int ndli_topology_reserve(ndli_topology *mesh, int nodes, int tets);
@@ -167,15 +169,15 @@ NDLI_API void ndli_topology_end(ndli_topology *mesh, ndli_topology_change *chang
 /* After the end: the body has refused the change, and all is as it was at the begin. O(nodes + tets). */
 NDLI_API void ndli_topology_take_back(ndli_topology *mesh, const sb_body *body);
 
-/* What the body's mesh does not say, for undo and saved states: measures, writes or reads. counts: NDLI_TOPOLOGY_COUNTS ints
- * that ndli_topology_counts gives; when reading, the image's. */
+/* What the body's mesh does not say, for undo and saved states: measures, writes or reads. counts: NDLI_TOPOLOGY_COUNTS
+ * ints that ndli_topology_counts gives; when reading, the image's. */
 enum { NDLI_TOPOLOGY_COUNTS = 4 };
 NDLI_API void ndli_topology_counts(const ndli_topology *mesh, int *counts);
 NDLI_API void ndli_topology_walk(ndli_topology *mesh, const int *counts, struct ndli_image *image);
 /* After reading, and once the body has the mesh that goes with it. */
 NDLI_API void ndli_topology_recall(ndli_topology *mesh, const int *counts, const sb_body *body);
-/* Whether what ndli_topology_walk wrote to `in` for these counts (counts[0] <= node_end, counts[1] <= counts[0]) goes with
- * this mesh; owners below max_owner. SB_ERROR_FORMAT, SB_ERROR_NOT_FINITE. */
+/* Whether what ndli_topology_walk wrote to `in` for these counts (counts[0] <= node_end, counts[1] <= counts[0]) goes
+ * with this mesh; owners below max_owner. SB_ERROR_FORMAT, SB_ERROR_NOT_FINITE. */
 NDLI_API sb_result ndli_topology_check_memory(const ndli_topology *mesh, const int *counts, const unsigned char *in,
                                               int max_owner, sb_error *error);
 /* The tet with the lowest slot that has both nodes, or -1. */

@@ -11,7 +11,7 @@
 #define REG_VERSION_PATCH 0
 #define REG_VERSION_STRING "0.5.0"
 
-#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR || \
+#if REG_VERSION_MAJOR != SB_VERSION_MAJOR || REG_VERSION_MINOR != SB_VERSION_MINOR ||                                  \
     REG_VERSION_PATCH != SB_VERSION_PATCH
 #error "register.h and softbody.h are of different versions: take both from one release"
 #endif

@@ -434,8 +434,8 @@ static void regi_cloud_fit_block(void *user, int block)
 /* A heap of the points next to those whose normals are settled, the most parallel one on top. */
 typedef struct regi_cloud_front {
     const regi_cloud_fits *fits;
-    sb_real *key;  /* [count]: 1 - |cosine| to the settled neighbour */
-    int *from;     /* [count]: that neighbour */
+    sb_real *key;      /* [count]: 1 - |cosine| to the settled neighbour */
+    int *from;         /* [count]: that neighbour */
     int *heap, *place; /* [count]: place -1: not met, -2: settled */
     int count;
 } regi_cloud_front;

@@ -15,8 +15,8 @@
 
 /* Points with normals or without. Its arrays come from its allocator; fill them by hand only with memory of that. */
 typedef struct reg_cloud {
-    sb_vec3 *points;        /* [count], m */
-    sb_vec3 *normals;       /* [count], unit length (0: none known), or NULL */
+    sb_vec3 *points;  /* [count], m */
+    sb_vec3 *normals; /* [count], unit length (0: none known), or NULL */
     int count;
     sb_allocator allocator;
 } reg_cloud;
@@ -112,9 +112,9 @@ REG_API sb_result reg_cloud_remove_outliers(reg_cloud *cloud, int k, reg_outlier
 
 /* What smoothing found. */
 typedef struct reg_smooth_info {
-    sb_real noise;  /* m: standard deviation of the points across the surface */
-    sb_real left;   /* m: what smoothing left of it */
-    int outliers;   /* points that belong to nothing */
+    sb_real noise; /* m: standard deviation of the points across the surface */
+    sb_real left;  /* m: what smoothing left of it */
+    int outliers;  /* points that belong to nothing */
 } reg_smooth_info;
 
 /* Takes noise off a cloud: each point goes to where quadratics fitted to its neighbours say the surface is, over as

@@ -152,7 +152,8 @@ static int regi_xyz_is_heading(regi_xyz *xyz)
     }
     if (numbers == 0)
         return 1;
-    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 || declared > INT_MAX)
+    if (fields != 1 || sbi_parse_integer(first.text, first.length, &declared) <= 0 || declared < 0 ||
+        declared > INT_MAX)
         return 0;
     xyz->declared = (int)declared;
     xyz->declared_line = xyz->loader->reader.line;
@@ -298,8 +299,7 @@ static sb_result regi_cloud_begin(sbi_loader *loader, const void *cloud, sb_real
 }
 
 REG_API sb_result reg_cloud_load_memory(reg_cloud *cloud, const void *data, size_t size, reg_cloud_format format,
-                                        const char *name, sb_real scale, const sb_allocator *allocator,
-                                        sb_error *error)
+                                        const char *name, sb_real scale, const sb_allocator *allocator, sb_error *error)
 {
     sbi_loader loader;
     sb_result result = regi_cloud_begin(&loader, cloud, scale, allocator, error);

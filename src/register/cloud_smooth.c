@@ -11,7 +11,7 @@ enum {
     REGI_SMOOTH_ASKED = 192, /* among which they are */
     REGI_SMOOTH_TERMS = 6,   /* 1 x y x^2 xy y^2 */
     REGI_SMOOTH_ROUNDS = 3,
-    REGI_SMOOTH_BLOCK = 256  /* points per task */
+    REGI_SMOOTH_BLOCK = 256 /* points per task */
 };
 
 /* What the passes over the points share. */
@@ -19,13 +19,13 @@ typedef struct regi_smooth {
     const sb_vec3 *points, *normals; /* [count]; normals NULL, or 0 where unknown */
     const reg_kdtree *tree;
     int count;
-    const unsigned char *out;        /* [count] 1: outliers, which no fit takes */
-    sb_real noise, usual;            /* m; that of the points, and their spacing */
-    sb_real *residual;               /* [count] distance from what the neighbours say, over its expected share */
-    sb_real *share;                  /* [count] that share: of a residual, or of what smoothing leaves, in noises */
-    sb_real *scatter;                /* [count] of the neighbours about their own surface: median (m) */
-    sb_real *spacing;                /* [count] mean distance to the neighbours (m) */
-    sb_vec3 *moved, *facing;         /* [count] smoothed points, and the normals there */
+    const unsigned char *out; /* [count] 1: outliers, which no fit takes */
+    sb_real noise, usual;     /* m; that of the points, and their spacing */
+    sb_real *residual;        /* [count] distance from what the neighbours say, over its expected share */
+    sb_real *share;           /* [count] that share: of a residual, or of what smoothing leaves, in noises */
+    sb_real *scatter;         /* [count] of the neighbours about their own surface: median (m) */
+    sb_real *spacing;         /* [count] mean distance to the neighbours (m) */
+    sb_vec3 *moved, *facing;  /* [count] smoothed points, and the normals there */
 } regi_smooth;
 
 /* Height over a plane through a point, in a frame of its own. */
@@ -127,7 +127,7 @@ static int regi_smooth_solve(const regi_smooth_sums *sums, sb_real coefficients[
 
 /* Weights of a robust fit: small for those much farther off than the median, which is returned. */
 static sb_real regi_smooth_doubt(const regi_smooth *s, const regi_smooth_frame *frame, const int *near, int count,
-                              const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
+                                 const sb_real coefficients[REGI_SMOOTH_TERMS], sb_real *weights)
 {
     sb_real off[REGI_SMOOTH_LEAST], sizes[REGI_SMOOTH_LEAST], terms[REGI_SMOOTH_TERMS], median;
     for (int i = 0; i < count; i++) {

@@ -25,13 +25,13 @@ struct reg_cpd {
     reg_cpd_info info;
     int count;
     regi_cpd_frame source, target;
-    regi_cpd_affine map;           /* the identity when non-rigid */
-    double inverse;                /* 1 / (2 beta^2) */
-    double (*centres)[3];          /* [rank] pivots in the source's frame */
-    double (*weights)[3];          /* [rank] */
-    sb_vec3 *moved;                /* [count] */
-    int *partners;                 /* [count] */
-    sb_real *probabilities;        /* [count] */
+    regi_cpd_affine map;    /* the identity when non-rigid */
+    double inverse;         /* 1 / (2 beta^2) */
+    double (*centres)[3];   /* [rank] pivots in the source's frame */
+    double (*weights)[3];   /* [rank] */
+    sb_vec3 *moved;         /* [count] */
+    int *partners;          /* [count] */
+    sb_real *probabilities; /* [count] */
     void *memory;
 };
 
@@ -46,14 +46,14 @@ typedef struct regi_cpd_run {
     double landmark_weight;       /* 1 / sigma^2 of the landmarks, in the target's frame */
     double *p, *r[3];             /* [rows] P and P X - P Y, with landmarks */
     regi_cpd_affine map;
-    double sigma2, energy;        /* energy: |L^T W|^2 */
+    double sigma2, energy; /* energy: |L^T W|^2 */
     regi_cpd_kernel kernel;
     regi_cpd_expectation e;
     reg_cpd_info info;
-    double start;                 /* s */
-    sb_vec3 *sort_points;         /* [larger count] */
-    uint32_t *sort_scratch;       /* [3 larger count] */
-    int *slot_of;                 /* [source count] */
+    double start;           /* s */
+    sb_vec3 *sort_points;   /* [larger count] */
+    uint32_t *sort_scratch; /* [3 larger count] */
+    int *slot_of;           /* [source count] */
     void *memory;
 } regi_cpd_run;
 

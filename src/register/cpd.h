@@ -25,7 +25,7 @@ typedef enum reg_cpd_kind {
     REG_CPD_RIGID = 0,      /* rotation, translation */
     REG_CPD_SIMILARITY = 1, /* rotation, translation, scale */
     REG_CPD_AFFINE = 2,
-    REG_CPD_NONRIGID = 3    /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
+    REG_CPD_NONRIGID = 3 /* y + sum_k exp(-|y - c_k|^2 / 2 beta^2) w_k */
 } reg_cpd_kind;
 
 typedef enum reg_cpd_stop {
@@ -37,8 +37,8 @@ typedef enum reg_cpd_stop {
 
 /* How far a fit is, and how it ended. */
 typedef struct reg_cpd_info {
-    int iterations;        /* updates of the motion */
-    int rank;              /* columns of the kernel's factor; 0 unless non-rigid */
+    int iterations; /* updates of the motion */
+    int rank;       /* columns of the kernel's factor; 0 unless non-rigid */
     reg_cpd_stop stop;
     sb_real sigma;         /* m: distance, per coordinate, that is left between partners */
     sb_real explained;     /* expected number of target points that are no outliers */
@@ -80,10 +80,10 @@ typedef struct reg_cpd_options {
     int (*progress)(void *user, const reg_cpd_info *info); /* after each iteration, by the caller's thread; a result
                                                             * other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_clock clock;           /* default NULL */
-    sb_allocator allocator;   /* default malloc */
-    sb_jobs jobs;             /* default inline; any gives the same bits */
-    unsigned cookie;          /* set by reg_default_cpd_options; options made without it are refused */
+    sb_clock clock;         /* default NULL */
+    sb_allocator allocator; /* default malloc */
+    sb_jobs jobs;           /* default inline; any gives the same bits */
+    unsigned cookie;        /* set by reg_default_cpd_options; options made without it are refused */
 } reg_cpd_options;
 
 REG_API reg_cpd_options reg_default_cpd_options(void);

@@ -49,30 +49,30 @@ typedef struct regi_cpd_best {
 /* One evaluation of all P_mn. */
 typedef struct regi_cpd_expectation {
     const regi_cpd_cloud *target;
-    const regi_cpd_cloud *source;  /* boxes: of the moved points */
-    const regi_cpd_block *moved;   /* [source blocks] */
-    double sigma2, outlier;        /* outlier: c, in the sum beside the Gaussians */
-    double tolerance;              /* share of each target point that may be left out */
-    regi_cpd_sums *sums;           /* [CHUNKS][source blocks]; the first row becomes the result */
+    const regi_cpd_cloud *source;            /* boxes: of the moved points */
+    const regi_cpd_block *moved;             /* [source blocks] */
+    double sigma2, outlier;                  /* outlier: c, in the sum beside the Gaussians */
+    double tolerance;                        /* share of each target point that may be left out */
+    regi_cpd_sums *sums;                     /* [CHUNKS][source blocks]; the first row becomes the result */
     regi_cpd_totals totals[REGI_CPD_CHUNKS]; /* likewise */
-    double (*terms)[REGI_CPD_LANES]; /* [CHUNKS][source blocks] */
-    int *near_blocks;              /* [CHUNKS][source blocks] */
-    regi_cpd_best *best;           /* [source blocks], or NULL: not wanted */
+    double (*terms)[REGI_CPD_LANES];         /* [CHUNKS][source blocks] */
+    int *near_blocks;                        /* [CHUNKS][source blocks] */
+    regi_cpd_best *best;                     /* [source blocks], or NULL: not wanted */
 } regi_cpd_expectation;
 
 /* The factor of the kernel, G = L L^T to the tolerance, by columns. */
 typedef struct regi_cpd_kernel {
     sb_allocator allocator;
     int rank, capacity;
-    size_t rows;         /* source points, filled up to whole blocks; those rows are 0 */
-    double inverse;      /* 1 / (2 beta^2) */
-    double *columns;     /* [capacity][rows] */
-    int *pivots;         /* [capacity] rows */
-    double *diagonal;    /* [rows] what is left of the diagonal; -1: a pivot */
-    double *system;      /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
-    double *scaled;      /* [rank][REGI_CPD_SLICE] */
+    size_t rows;      /* source points, filled up to whole blocks; those rows are 0 */
+    double inverse;   /* 1 / (2 beta^2) */
+    double *columns;  /* [capacity][rows] */
+    int *pivots;      /* [capacity] rows */
+    double *diagonal; /* [rows] what is left of the diagonal; -1: a pivot */
+    double *system;   /* [rank][stride] L^T P L + lambda s2, then its Cholesky factor, lower half */
+    double *scaled;   /* [rank][REGI_CPD_SLICE] */
     size_t stride;
-    double *weights[3];  /* [stride] c: T = Y + L c */
+    double *weights[3]; /* [stride] c: T = Y + L c */
 } regi_cpd_kernel;
 
 #if defined(REG_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)

@@ -169,12 +169,13 @@ static void regi_cpd_take(regi_cpd_expectation *e, int chunk, int index, int cou
     int lane = index % REGI_CPD_LANES;
     size_t first = (size_t)chunk * (size_t)e->source->blocks;
     const int *blocks = e->near_blocks + first;
-    double (*terms)[REGI_CPD_LANES] = e->terms + first;
+    double(*terms)[REGI_CPD_LANES] = e->terms + first;
     double at[3], least, sum, depth, factor;
     regi_cpd_totals *totals = e->totals + chunk;
     at[0] = block->x[lane], at[1] = block->y[lane], at[2] = block->z[lane];
     least = regi_cpd_distances(e->moved, blocks, count, at, terms);
-    if (e->outlier > 0 && (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
+    if (e->outlier > 0 &&
+        (count == 0 || least > 700 * 2 * e->sigma2)) { /* below anything that differs from 0 beside c */
         totals->logs -= sbi_dense_log(e->outlier);
         return;
     }

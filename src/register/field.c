@@ -12,9 +12,9 @@ enum { REGI_FIELD_NEIGHBOURS = 12 }; /* points of a cloud that decide whether on
 /* Laplace's potential at the corners of a grid of cubes. */
 typedef struct regi_field_grid {
     sb_vec3 low;
-    sb_real cell;           /* m */
-    int count[3];           /* corners along each axis */
-    sb_real *phi;           /* [corners] m, x fastest */
+    sb_real cell; /* m */
+    int count[3]; /* corners along each axis */
+    sb_real *phi; /* [corners] m, x fastest */
     int sweeps;
 } regi_field_grid;
 
@@ -23,11 +23,11 @@ struct reg_field {
     reg_field_kind kind;
     sb_vec3 low, high;
     sb_surface *surface;
-    reg_kdtree *tree;       /* of a cloud; NULL for a surface */
+    reg_kdtree *tree; /* of a cloud; NULL for a surface */
     int point_count;
-    sb_vec3 *points;        /* of the cloud */
-    sb_vec3 *normals;       /* of the cloud, unit or 0; NULL: none */
-    unsigned char *border;  /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
+    sb_vec3 *points;       /* of the cloud */
+    sb_vec3 *normals;      /* of the cloud, unit or 0; NULL: none */
+    unsigned char *border; /* triangles: bit i for edge i, bit 3 + i for corner i; points: 1 */
     regi_field_grid grid;
 };
 
@@ -398,8 +398,8 @@ REG_API sb_result reg_field_create(const reg_field_def *def, reg_field **field, 
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a field");
     made->allocator = def->allocator;
     made->kind = def->kind;
-    result = def->surface ? regi_field_make_surface(made, def->surface, error)
-                          : regi_field_make_cloud(made, def, error);
+    result =
+        def->surface ? regi_field_make_surface(made, def->surface, error) : regi_field_make_cloud(made, def, error);
     if (result == SB_OK && def->kind == REG_FIELD_LAPLACE)
         result = regi_field_make_grid(made, def, error);
     if (result != SB_OK) {

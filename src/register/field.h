@@ -13,18 +13,18 @@ typedef enum reg_field_kind {
 
 /* What a field is made from; start from reg_default_field_def(). The target is a surface or a cloud. */
 typedef struct reg_field_def {
-    reg_field_kind kind;      /* default REG_FIELD_DISTANCE */
-    const sb_mesh *surface;   /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
-    const sb_vec3 *points;    /* [point_count] a cloud (m), or NULL */
-    const sb_vec3 *normals;   /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
+    reg_field_kind kind;    /* default REG_FIELD_DISTANCE */
+    const sb_mesh *surface; /* triangles or quads, open or closed, or NULL. Read at creation only, as are all below */
+    const sb_vec3 *points;  /* [point_count] a cloud (m), or NULL */
+    const sb_vec3 *normals; /* [point_count] outward, of any length, 0: unknown; or NULL: none are known */
     int point_count;
-    sb_vec3 low, high;        /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
-                               * target. Equal corners (default): that */
-    int cells;                /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
-                               * takes some 0.3 s */
-    sb_allocator allocator;   /* zeros: malloc */
-    sb_jobs jobs;             /* threads for the creation; zeros: none */
-    unsigned cookie;          /* set by reg_default_field_def */
+    sb_vec3 low, high;      /* Laplace: the box (m); it is enlarged to leave a tenth of the target's size around the
+                             * target. Equal corners (default): that */
+    int cells;              /* Laplace: grid cells along the longest side of the box, in [8, 256]; default 64, which
+                             * takes some 0.3 s */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by reg_default_field_def */
 } reg_field_def;
 REG_API reg_field_def reg_default_field_def(void);
 
@@ -50,9 +50,9 @@ REG_API int reg_field_closest(const reg_field *field, sb_vec3 point, int guess, 
 
 /* The potential on a line through a point. */
 typedef struct reg_field_sample {
-    sb_real phi;         /* m */
-    sb_real phi_n;       /* slope along the direction over the length `step` */
-    sb_real phi_nn;      /* derivative of phi_n along the direction (1/m); of either sign */
+    sb_real phi;    /* m */
+    sb_real phi_n;  /* slope along the direction over the length `step` */
+    sb_real phi_nn; /* derivative of phi_n along the direction (1/m); of either sign */
 } reg_field_sample;
 /* Samples the potential at point (m) along the unit vector direction:
  *     phi_n = [phi(s + h n/2) - phi(s - h n/2)] / h,  phi_nn = d phi_n / ds

@@ -8,9 +8,9 @@ enum {
     REGI_ICP_COOKIE = 0x72696370,
     REGI_ICP_FITTED = 30000, /* more points than these are thinned before normals are fitted */
     REGI_ICP_NEIGHBOURS = 10,
-    REGI_ICP_FINE = 600,     /* points of a shape in the search */
-    REGI_ICP_SPIRAL = 400,   /* rotations of the search, beside those that turn principal axes into each other */
-    REGI_ICP_PATIENCE = 10,   /* rounds without a smaller mean distance */
+    REGI_ICP_FINE = 600,    /* points of a shape in the search */
+    REGI_ICP_SPIRAL = 400,  /* rotations of the search, beside those that turn principal axes into each other */
+    REGI_ICP_PATIENCE = 10, /* rounds without a smaller mean distance */
     REGI_ICP_STAGES = 3
 };
 
@@ -59,16 +59,16 @@ typedef struct regi_icp_side {
     int count;
     const sb_surface *surface;
     const reg_kdtree *tree;
-    int fitted;            /* normals were fitted, and may all point the wrong way */
+    int fitted; /* normals were fitted, and may all point the wrong way */
     reg_kdtree *own_tree;
     reg_cloud own;
     sb_real *own_weights;
-    regi_icp_set sample;   /* of the last stage */
-    regi_icp_set spread;   /* of the search: evenly spread, so that any first part of it is, too */
+    regi_icp_set sample; /* of the last stage */
+    regi_icp_set spread; /* of the search: evenly spread, so that any first part of it is, too */
     reg_kdtree *spread_tree;
     sb_vec3 centre;
-    sb_mat3 axes;          /* columns: principal axes, turned the way the points are skewed */
-    sb_real size;          /* m, rms distance from the centre */
+    sb_mat3 axes; /* columns: principal axes, turned the way the points are skewed */
+    sb_real size; /* m, rms distance from the centre */
 } regi_icp_side;
 
 typedef struct regi_icp_pairs {
@@ -312,8 +312,8 @@ static sb_result regi_icp_side_make(const regi_icp *icp, const reg_icp_shape *sh
     if (result == SB_OK)
         result = regi_icp_spread(icp, side, &side->spread);
     if (result == SB_OK)
-        result = reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree,
-                                   icp->error);
+        result =
+            reg_kdtree_create(side->spread.points, side->spread.count, icp->allocator, &side->spread_tree, icp->error);
     if (result == SB_OK)
         regi_icp_principal_axes(side);
     return result;
@@ -361,14 +361,14 @@ static int regi_icp_closest(const regi_icp_side *side, int coarse, sb_vec3 p, sb
 
 /* How a stage works. */
 typedef struct regi_icp_stage {
-    int coarse;            /* among the spread points instead of all */
-    int points;            /* of a set that look */
+    int coarse; /* among the spread points instead of all */
+    int points; /* of a set that look */
     reg_icp_metric metric;
     reg_outliers outliers;
     sb_real parameter;
-    sb_real reach;         /* m */
-    sb_real lost;          /* m: what an outlier counts in the score; 0: no score wanted */
-    int flip;              /* -1: the normals of one of the sides point the wrong way */
+    sb_real reach; /* m */
+    sb_real lost;  /* m: what an outlier counts in the score; 0: no score wanted */
+    int flip;      /* -1: the normals of one of the sides point the wrong way */
 } regi_icp_stage;
 
 /* Pairs of the set's points with their closest ones, appended; weights 0 where there is none, or where the normals
@@ -376,8 +376,8 @@ typedef struct regi_icp_stage {
  * weighted. */
 static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_rigid *motion, int back)
 {
-    const regi_icp_set *set = stage->coarse ? (back ? &icp->b.spread : &icp->a.spread)
-                                            : (back ? &icp->b.sample : &icp->a.sample);
+    const regi_icp_set *set =
+        stage->coarse ? (back ? &icp->b.spread : &icp->a.spread) : (back ? &icp->b.sample : &icp->a.sample);
     const regi_icp_side *other = back ? &icp->a : &icp->b;
     regi_icp_pairs *pairs = &icp->pairs;
     int count = sbi_min_int(set->count, stage->points);
@@ -405,8 +405,9 @@ static void regi_icp_look(regi_icp *icp, const regi_icp_stage *stage, const reg_
 static sb_real regi_icp_prune(regi_icp_pairs *pairs, int first, const regi_icp_stage *stage)
 {
     int count = pairs->count - first;
-    sb_real limit = reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter,
-                                      pairs->scratch), sum = 0;
+    sb_real limit =
+                reg_outlier_limit(pairs->distance + first, count, stage->outliers, stage->parameter, pairs->scratch),
+            sum = 0;
     for (int i = first; i < pairs->count; i++) {
         if (!(pairs->distance[i] <= limit))
             pairs->weight[i] = 0;
@@ -619,8 +620,8 @@ static sb_mat3 regi_icp_spiral(int i, int n)
     sb_real sa, ca, sb, cb;
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.4142135623730951, pi2), &sa, &ca);
     sb_sin_cos((sb_real)fmod(pi2 * s / 1.533751168755204288, pi2), &sb, &cb);
-    return sb_quat_to_mat3(sb_quat_normalise(
-        sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
+    return sb_quat_to_mat3(
+        sb_quat_normalise(sb_quat_make((sb_real)q * cb, (sb_real)r * sa, (sb_real)r * ca, (sb_real)q * sb)));
 }
 
 /* The i-th of the 24 turns of a cube onto itself; the first four keep the axes. */
@@ -859,8 +860,8 @@ static sb_result regi_icp_run(regi_icp *icp, reg_rigid *motion, reg_icp_info *in
         stage.flip = regi_icp_find_flip(icp, &stage, motion);
     if (result != SB_OK)
         return result;
-    info->iterations = regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score,
-                                        &converged);
+    info->iterations =
+        regi_icp_iterate(icp, &stage, options->max_iterations, options->tolerance, motion, &score, &converged);
     info->stop = converged ? REG_ICP_CONVERGED : icp->out_of_time ? REG_ICP_TIME : REG_ICP_ITERATIONS;
     regi_icp_tell(icp, motion, info);
     if (info->pairs == 0)

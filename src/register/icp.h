@@ -19,7 +19,7 @@
 
 /* One of the two shapes. Everything is borrowed during the call. Zero-initialise. */
 typedef struct reg_icp_shape {
-    const sb_vec3 *points;     /* [count], m; also of a surface: its nodes, or samples of it */
+    const sb_vec3 *points; /* [count], m; also of a surface: its nodes, or samples of it */
     int count;
     const sb_vec3 *normals;    /* [count], outward, or NULL: taken from the surface, else fitted to the points */
     const sb_real *weights;    /* [count] >= 0, how much a point counts (patches that are known well); NULL: all 1 */
@@ -46,22 +46,22 @@ typedef struct reg_icp_landmark {
 
 /* Start from reg_default_icp_options(). */
 typedef struct reg_icp_options {
-    reg_icp_overlap overlap;  /* WHOLE */
-    reg_icp_metric metric;    /* PLANE */
-    int search;               /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
-    reg_rigid start;          /* model to target; identity. With search it is one candidate among the others */
+    reg_icp_overlap overlap;           /* WHOLE */
+    reg_icp_metric metric;             /* PLANE */
+    int search;                        /* 1: look for the start among all rotations; 0: begin at `start`; 1 */
+    reg_rigid start;                   /* model to target; identity. With search it is one candidate among the others */
     const reg_icp_landmark *landmarks; /* [landmark_count] or NULL */
     int landmark_count;
-    reg_outliers outliers;    /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
+    reg_outliers outliers;     /* pairs that do not count, by their distance, see reg_outlier_limit; MEDIAN */
     sb_real outlier_parameter; /* 3 */
-    sb_real max_distance;     /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
-    int sample;               /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
-    int max_iterations;       /* >= 1, of the last stage; 100 */
-    sb_real tolerance;        /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
-    sb_clock clock;           /* NULL: no time limit */
-    double max_seconds;       /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
-    sb_allocator allocator;   /* zeros: malloc */
-    int cookie;               /* set by reg_default_icp_options */
+    sb_real max_distance;      /* m, > 0: pairs farther apart never count; SB_REAL_MAX */
+    int sample;                /* points of a shape that look for partners, evenly spread; 0: all; 2000 */
+    int max_iterations;        /* >= 1, of the last stage; 100 */
+    sb_real tolerance;         /* >= 0: ends when the mean distance changes by less than this share; 1e-6 */
+    sb_clock clock;            /* NULL: no time limit */
+    double max_seconds;        /* > 0; 10. Looked at between rounds; what comes before them is linear in the points */
+    sb_allocator allocator;    /* zeros: malloc */
+    int cookie;                /* set by reg_default_icp_options */
 } reg_icp_options;
 
 typedef enum reg_icp_stop {
@@ -72,13 +72,13 @@ typedef enum reg_icp_stop {
 
 typedef struct reg_icp_info {
     reg_icp_stop stop;
-    int iterations;        /* of the last stage */
-    int candidates;        /* poses that the search tried */
-    int pairs;             /* that counted at the end, without landmarks */
-    sb_real overlap;       /* their share of all points that looked */
-    sb_real mean, rms;     /* m, distance between the partners that counted */
-    sb_real landmark_rms;  /* m, weighted; 0 without landmarks */
-    double seconds;        /* 0 without a clock */
+    int iterations;       /* of the last stage */
+    int candidates;       /* poses that the search tried */
+    int pairs;            /* that counted at the end, without landmarks */
+    sb_real overlap;      /* their share of all points that looked */
+    sb_real mean, rms;    /* m, distance between the partners that counted */
+    sb_real landmark_rms; /* m, weighted; 0 without landmarks */
+    double seconds;       /* 0 without a clock */
 } reg_icp_info;
 
 REG_API reg_icp_options reg_default_icp_options(void);

@@ -217,8 +217,8 @@ static void regi_kdtree_bounds(const regi_kdtree_node *node, sb_vec3 p, sb_real 
         bound[c] = gap[0][c] * gap[0][c] + gap[1][c] * gap[1][c] + gap[2][c] * gap[2][c];
 }
 
-/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would raise
- * the invalid exception in each comparison.) */
+/* Squared distances to the points of a leaf; infinity, which is beyond every limit, where there is none. (A NaN would
+ * raise the invalid exception in each comparison.) */
 static void regi_kdtree_distances(const regi_kdtree_leaf *leaf, sb_vec3 p, sb_real d[REGI_KDTREE_LEAF])
 {
     for (int i = 0; i < REGI_KDTREE_LEAF; i++) {

@@ -28,54 +28,54 @@ typedef struct regi_loads {
     void *memory;
     int node_count;
     int sample_count, sample_most; /* multiples of 3 */
-    int part_count;        /* of the surface: possible samples; three of each landmark follow, and two of each part that
-                            * is dragged */
-    int drag_first;        /* the first of the latter */
-    int *sample_of;        /* [sample_most] which of those a sample is; -1: none, it fills up the last group */
-    int drag_sample;       /* the first of a dragged part */
-    int load_count;        /* surface nodes that may bear a force */
-    int *load_nodes;       /* [load_count] */
-    sb_real *area;         /* [nodes] of the surface at a node (m^2), 0 inside */
+    int part_count;  /* of the surface: possible samples; three of each landmark follow, and two of each part that
+                      * is dragged */
+    int drag_first;  /* the first of the latter */
+    int *sample_of;  /* [sample_most] which of those a sample is; -1: none, it fills up the last group */
+    int drag_sample; /* the first of a dragged part */
+    int load_count;  /* surface nodes that may bear a force */
+    int *load_nodes; /* [load_count] */
+    sb_real *area;   /* [nodes] of the surface at a node (m^2), 0 inside */
     double total_area;
-    int *part;             /* [charges] that a charge belongs to */
-    int *part_start;       /* [part_count + 1] into part_charges */
-    int *part_charges;     /* [charges] by part */
-    int *part_centre;      /* [part_count] a charge */
-    sb_real *part_load;    /* [part_count] mean traction (Pa) */
-    unsigned char *is_dragged, *votes; /* [part_count] */
+    int *part;                             /* [charges] that a charge belongs to */
+    int *part_start;                       /* [part_count + 1] into part_charges */
+    int *part_charges;                     /* [charges] by part */
+    int *part_centre;                      /* [part_count] a charge */
+    sb_real *part_load;                    /* [part_count] mean traction (Pa) */
+    unsigned char *is_dragged, *votes;     /* [part_count] */
     int drag_looks, drag_count, drag_most; /* looks: how often its region is still to be decided */
-    int *drag_parts;       /* [drag_most] */
-    sb_vec3 drag, across[2]; /* unit vectors: of the drag, and at right angles to it */
-    sb_real drag_spread;   /* of the motions about it, as share of them */
-    double effort;         /* of the last round without a drag */
-    sb_real scatter;       /* of a charge's gap about the mean of its part: variance (m^2) */
-    sb_real *spread;       /* [charges] squared distance from the centre of its part (m^2) */
-    sb_real *rows;         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
-    sb_real *response;     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
-    sb_real *gap;          /* [sample_most] that forces have to close (m) */
-    sb_real *variance;     /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
-    sb_real *system;       /* [sample_count][sample_count] */
-    sb_real *multiplier;   /* [sample_count] y */
-    sb_real *signs, *sizes;/* [sample_count] of the factor */
-    sb_real *slab;         /* [SLAB][SLAB + sample_count] */
+    int *drag_parts;                       /* [drag_most] */
+    sb_vec3 drag, across[2];               /* unit vectors: of the drag, and at right angles to it */
+    sb_real drag_spread;                   /* of the motions about it, as share of them */
+    double effort;                         /* of the last round without a drag */
+    sb_real scatter;                       /* of a charge's gap about the mean of its part: variance (m^2) */
+    sb_real *spread;                       /* [charges] squared distance from the centre of its part (m^2) */
+    sb_real *rows;                         /* [SBI_FRONT_GROUP][nodes][3] samples, and their responses */
+    sb_real *response;                     /* [load_count][3][sample_count]: of each sample's gap to a force (m/N) */
+    sb_real *gap;                          /* [sample_most] that forces have to close (m) */
+    sb_real *variance;   /* [sample_count] of a part misfit^2, over the share of it that acts; 0: the sample is off */
+    sb_real *system;     /* [sample_count][sample_count] */
+    sb_real *multiplier; /* [sample_count] y */
+    sb_real *signs, *sizes; /* [sample_count] of the factor */
+    sb_real *slab;          /* [SLAB][SLAB + sample_count] */
     sb_real *pack;
-    sb_real *weight;       /* [load_count] w */
-    sb_real *traction;     /* [nodes] */
-    sb_real *average;      /* [nodes] */
-    sb_real *touch;        /* [nodes] facets */
-    sb_vec3 *force;        /* [nodes] found (N) */
-    sb_vec3 *residual;     /* [nodes] internal less known forces (N) */
-    sb_vec3 *increment;    /* [nodes] of a round (m) */
+    sb_real *weight;            /* [load_count] w */
+    sb_real *traction;          /* [nodes] */
+    sb_real *average;           /* [nodes] */
+    sb_real *touch;             /* [nodes] facets */
+    sb_vec3 *force;             /* [nodes] found (N) */
+    sb_vec3 *residual;          /* [nodes] internal less known forces (N) */
+    sb_vec3 *increment;         /* [nodes] of a round (m) */
     const unsigned char *fixed; /* [nodes] axes of the body's supports */
-    int *held_nodes;       /* [nodes] scratch: nodes held along the same axes, */
-    sb_vec3 *held_goals;   /* [nodes] and where they are sent */
-    sb_vec3 *before, *goals; /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
-    int posed;             /* 1: the pose is sought, too */
-    sb_vec3 centre;        /* m: of the held nodes at the beginning, or of all; turns are about it */
-    sb_real likely[REGI_LOADS_FREE];     /* sd of the pose (m, rad), and of tilts (rad) */
+    int *held_nodes;            /* [nodes] scratch: nodes held along the same axes, */
+    sb_vec3 *held_goals;        /* [nodes] and where they are sent */
+    sb_vec3 *before, *goals;    /* [nodes] displacement at the beginning, and where held nodes were to be then (m) */
+    int posed;                  /* 1: the pose is sought, too */
+    sb_vec3 centre;             /* m: of the held nodes at the beginning, or of all; turns are about it */
+    sb_real likely[REGI_LOADS_FREE];                      /* sd of the pose (m, rad), and of tilts (rad) */
     sb_real pose[REGI_LOADS_POSE], next[REGI_LOADS_POSE]; /* reached, and found in this round: m, rad */
-    sb_real *free_rows;    /* [sample_count][FREE] a sample's motion with pose and tilt, in sd */
-    double begun;          /* on the clock */
+    sb_real *free_rows; /* [sample_count][FREE] a sample's motion with pose and tilt, in sd */
+    double begun;       /* on the clock */
     reg_loads_info info;
 } regi_loads;
 
@@ -105,11 +105,13 @@ static sb_result regi_loads_check(const reg_loads_def *def, sb_error *error)
         def->reweights > 1000)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d samples, %d rounds, %d reweights: out of range", def->samples,
                         def->rounds, def->reweights);
-    if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) ||
-        !(def->floor > 0) || !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
+    if (!(def->misfit > 0) || !sb_is_finite(def->misfit) || !(def->power > 0 && def->power <= 2) || !(def->floor > 0) ||
+        !sb_is_finite(def->floor) || !(def->pose >= 0) || !sb_is_finite(def->pose) ||
         !(def->drag >= 0 && def->drag < 1) || !(def->landmark >= (sb_real)1e-6 && def->landmark <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
-                        "range", (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "misfit %g, power %g, floor %g, landmark %g, drag %g, pose %g: out of "
+                        "range",
+                        (double)def->misfit, (double)def->power, (double)def->floor, (double)def->landmark,
                         (double)def->drag, (double)def->pose);
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);
@@ -156,7 +158,8 @@ static sb_vec3 regi_loads_rest_point(const regi_loads *l, int charge)
     const int *nodes = regi_match_nodes(l->match, charge);
     sb_vec3 x = sb_v3(0, 0, 0);
     for (int a = 0; a < width; a++)
-        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a], l->match->mesh.nodes[nodes[a]]);
+        x = sb_v3_madd(x, l->match->weights[(size_t)charge * (size_t)width + (size_t)a],
+                       l->match->mesh.nodes[nodes[a]]);
     return x;
 }
 
@@ -326,8 +329,8 @@ static void regi_loads_sample_drag(regi_loads *l, int sample, int index, sb_real
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
         area += l->match->charges[l->part_charges[k]].area;
     for (int k = l->part_start[part]; k < l->part_start[part + 1]; k++)
-        regi_loads_add_point(l, l->part_charges[k], l->across[axis],
-                             l->match->charges[l->part_charges[k]].area / area, row);
+        regi_loads_add_point(l, l->part_charges[k], l->across[axis], l->match->charges[l->part_charges[k]].area / area,
+                             row);
     sd = sb_max(l->def->drag, (sb_real)0.2 * l->drag_spread) * sb_v3_norm(motion) + l->def->misfit * l->match->size;
     l->gap[sample] = -sb_v3_dot(motion, l->across[axis]);
     l->variance[sample] = sd * sd;
@@ -820,7 +823,8 @@ static void regi_loads_begin_pose(regi_loads *l)
     l->posed = l->def->pose > 0;
     for (int i = 0; i < l->node_count; i++)
         if (held == 0 || l->fixed[i] == SB_XYZ)
-            l->centre = sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
+            l->centre =
+                sb_v3_madd(l->centre, 1 / (sb_real)++count, sb_v3_sub(sb_body_positions(l->body)[i], l->centre));
     for (int k = 0; k < REGI_LOADS_POSE; k++)
         l->likely[k] = l->def->pose * (k < 3 ? l->match->size : 4);
     for (int k = REGI_LOADS_POSE; k < REGI_LOADS_FREE; k++)

@@ -15,7 +15,8 @@
  * system in the samples:
  *     (G W G^T + misfit^2) y = gap,   f = W G^T y.
  * Rounds repeat that from the shape found, as the stiffness follows it. The match's landmarks are samples of their
- * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to mend.
+ * own, three each; weaken their springs during the match (landmark_stiffness), or loads have the springs' dents to
+ * mend.
  *
  * What acts is mostly a body of its own (the diaphragm, an instrument) that goes one way, and with it the region of
  * the surface that it holds. A surface shows how far a region moved across itself; where its normals differ, one common
@@ -42,45 +43,45 @@
 
 /* What loads are found from. Start from reg_default_loads_def(), set match. */
 typedef struct reg_loads_def {
-    reg_match *match;    /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
-                          * its body is moved. Dead loads and gravity of the body are taken as known */
-    int samples;         /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
-                          * half of the organ's. Time and memory grow with their square */
-    int rounds;          /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
-                          * the last, but for those that a drag is still looked for in */
-    int reweights;       /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
-    sb_real misfit;      /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
-                          * and model leaves */
-    sb_real power;       /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
-                          * sum of forces is least; below: fewer regions, harder edges */
-    sb_real floor;       /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
-    sb_real landmark;    /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
-                          * 1e-3: a third of a millimetre for a liver, what meshes leave */
-    sb_real drag;        /* how far the motion of what bears loads may be off one common direction, as share of the
-                          * motion, [0, 1); default 0.01. 0: directions are free */
-    sb_real pose;        /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
-                          * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
-                          * after a rigid start; supports then move along */
-    double max_seconds;  /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
-                          * before; default 1e9 */
-    sb_clock clock;      /* default NULL: times read 0 */
+    reg_match *match;   /* that has run, by distance (REG_PBSM); borrowed. Its charges, target and landmarks are used,
+                         * its body is moved. Dead loads and gravity of the body are taken as known */
+    int samples;        /* of the surface that the target shows, [30, 3000]; default 300; fewer where that is less than
+                         * half of the organ's. Time and memory grow with their square */
+    int rounds;         /* at most, [1, 100]; default 10. One that moves no node by a thousandth of the organ's size is
+                         * the last, but for those that a drag is still looked for in */
+    int reweights;      /* of the first round, [1, 1000]; default 9; later rounds take a third of that */
+    sb_real misfit;     /* of a sample, as share of the organ's size, > 0; default 6e-5: what the coarseness of mesh
+                         * and model leaves */
+    sb_real power;      /* of the tractions, (0, 2]; default 0.5. 2: tractions are spread as evenly as can be; 1: the
+                         * sum of forces is least; below: fewer regions, harder edges */
+    sb_real floor;      /* tractions that count as none, in shares of the mean, > 0; default 0.01 */
+    sb_real landmark;   /* standard deviation of a landmark's place, as share of the organ's size, [1e-6, 1]; default
+                         * 1e-3: a third of a millimetre for a liver, what meshes leave */
+    sb_real drag;       /* how far the motion of what bears loads may be off one common direction, as share of the
+                         * motion, [0, 1); default 0.01. 0: directions are free */
+    sb_real pose;       /* standard deviation of the rigid motion by which the organ, held nodes included, is off its
+                         * place, as share of its size, >= 0; default 0: held nodes are where they are to be. 0.01
+                         * after a rigid start; supports then move along */
+    double max_seconds; /* > 0, with a clock: no round begins that would end later, if it takes as long as the one
+                         * before; default 1e9 */
+    sb_clock clock;     /* default NULL: times read 0 */
     sb_allocator allocator; /* default malloc */
-    unsigned cookie;     /* set by reg_default_loads_def */
+    unsigned cookie;        /* set by reg_default_loads_def */
 } reg_loads_def;
 REG_API reg_loads_def reg_default_loads_def(void);
 
 typedef struct reg_loads_info {
-    int rounds;            /* done */
-    sb_real mean_distance; /* of the charges before the last round (m) */
-    sb_real sample_misfit; /* root mean square of the gaps of the surface's samples that the last round left, as it
-                            * foresaw (m) */
-    sb_real change;        /* largest displacement of a node in the last round (m): see above */
-    sb_vec3 drag;          /* unit vector: the direction that loads moved their region in; 0: none in common */
-    sb_real loaded;        /* share of the surface's area that bears more than a twentieth of the largest traction */
-    double seconds;        /* of all, with a clock; among them for */
+    int rounds;              /* done */
+    sb_real mean_distance;   /* of the charges before the last round (m) */
+    sb_real sample_misfit;   /* root mean square of the gaps of the surface's samples that the last round left, as it
+                              * foresaw (m) */
+    sb_real change;          /* largest displacement of a node in the last round (m): see above */
+    sb_vec3 drag;            /* unit vector: the direction that loads moved their region in; 0: none in common */
+    sb_real loaded;          /* share of the surface's area that bears more than a twentieth of the largest traction */
+    double seconds;          /* of all, with a clock; among them for */
     double seconds_response; /* stiffness, its factor and the samples' responses, */
-    double seconds_dense;  /* and the systems in the samples */
-    sb_error error;        /* when the call failed */
+    double seconds_dense;    /* and the systems in the samples */
+    sb_error error;          /* when the call failed */
 } reg_loads_info;
 
 /* Moves the body of a match to where loads on little of its surface bring it.

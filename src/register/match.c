@@ -58,7 +58,8 @@ static sb_result regi_match_check_numbers(const reg_match_def *def, sb_error *er
                             (double)fields[i].value);
     if (!(def->reach > 0 && def->last_reach > 0 && def->sampling > 0 && def->first_charge > 0 && def->settled > 0 &&
           def->landmark_stiffness > 0 && def->least_growth > 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reaches, sampling, charges, settled and landmark_stiffness of a "
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "reaches, sampling, charges, settled and landmark_stiffness of a "
                         "match must be above 0, least_growth above 1");
     if (!(def->max_seconds > 0))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "max_seconds is %g, not above 0", def->max_seconds);

@@ -44,44 +44,44 @@ typedef enum reg_match_stop {
 /* What a match is made from. Start from reg_default_match_def(), set body and a target. Lengths are shares of the
  * organ's size: the diagonal of its bounding box. */
 typedef struct reg_match_def {
-    sb_body *body;            /* volume mesh at rest or deformed; borrowed: the match moves it, and it must outlive the
-                               * match. Supports hold their nodes where they are to be (sb_body_fix_nodes for regions
-                               * known not to move); dead loads, springs and mappings act; constraints are refused.
-                               * Gravity acts too: leave it 0 when the rest shape already hangs in it */
-    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                               * the body. Read at creation only */
-    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    sb_body *body;          /* volume mesh at rest or deformed; borrowed: the match moves it, and it must outlive the
+                             * match. Supports hold their nodes where they are to be (sb_body_fix_nodes for regions
+                             * known not to move); dead loads, springs and mappings act; constraints are refused.
+                             * Gravity acts too: leave it 0 when the rest shape already hangs in it */
+    const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                             * the body. Read at creation only */
+    const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
     int target_count;
     reg_match_method method;
-    int cells;                /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
-    int partial;              /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
-                               * SB_AUTO (default): 1 for open surfaces and for clouds */
-    sb_real reach, last_reach;/* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
-                               * both > 0; default 0.1, 0.02 */
-    sb_real least_cosine;     /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
-                               * default 0.5 */
-    sb_real least_active;     /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
-                               * landmarks it is not asked for */
-    sb_real sampling;         /* half of it to each side of the target is where the potential is rounded off, > 0;
-                               * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
-    sb_real first_charge;     /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
-                               * of loads normal to the surface. 7 takes half the steps and holds on to what is near
-                               * from the beginning: better by a quarter where the surface was dragged along itself */
-    sb_real last_charge;      /* and most of it, >= first_charge; default 100: the shape counts, the energy
-                               * decides what it leaves open. Less follows noise less */
+    int cells;   /* Laplace: of the grid along the longest side, [8, 256]; default 64 */
+    int partial; /* 1: the target is a part of the surface: charges act by distance and normal. 0: all act.
+                  * SB_AUTO (default): 1 for open surfaces and for clouds */
+    sb_real reach, last_reach; /* partial: a charge acts within `reach`, which shrinks by 7 % a step to `last_reach`;
+                                * both > 0; default 0.1, 0.02 */
+    sb_real least_cosine;      /* partial: and where its normal and the target's have at least this cosine, [-1, 1];
+                                * default 0.5 */
+    sb_real least_active;      /* partial: least share of the surface's area that must act, [0, 1]; default 0.1. With
+                                * landmarks it is not asked for */
+    sb_real sampling;          /* half of it to each side of the target is where the potential is rounded off, > 0;
+                                * default 0.015. The pull of a charge is full beyond and falls to 0 on the target */
+    sb_real first_charge;      /* charge per area to begin with, in Young's moduli, > 0; default 0.2: finds the balance
+                                * of loads normal to the surface. 7 takes half the steps and holds on to what is near
+                                * from the beginning: better by a quarter where the surface was dragged along itself */
+    sb_real last_charge;       /* and most of it, >= first_charge; default 100: the shape counts, the energy
+                                * decides what it leaves open. Less follows noise less */
     sb_real least_growth, most_growth; /* of the charge in a step, 1 < least <= most; default 1.15, 2 */
-    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
-    const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
+    const sb_vec3 *landmarks;          /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    const sb_vec3 *landmark_targets;   /* [landmark_count] where they are seen (m) */
     int landmark_count;
     sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
-    sb_real settled;          /* the mean distance has settled when it falls by less than this share three steps
-                               * running, > 0; default 0.005 */
-    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
-    sb_clock clock;           /* default NULL: times read 0 */
-    sb_allocator allocator;   /* default malloc; the threads are the body's */
-    unsigned cookie;          /* set by reg_default_match_def */
+    sb_real settled;            /* the mean distance has settled when it falls by less than this share three steps
+                                 * running, > 0; default 0.005 */
+    double max_seconds;         /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;             /* default NULL: times read 0 */
+    sb_allocator allocator;     /* default malloc; the threads are the body's */
+    unsigned cookie;            /* set by reg_default_match_def */
 } reg_match_def;
 REG_API reg_match_def reg_default_match_def(void);
 
@@ -89,20 +89,20 @@ typedef struct reg_match reg_match;
 
 /* How a match stands. Distances are those before the last step moved the body, since that is where it looked. */
 typedef struct reg_match_info {
-    int iterations;           /* steps of this match so far */
+    int iterations; /* steps of this match so far */
     reg_match_stop stop;
-    sb_real mean_distance;    /* of the active charges from the target, by area (m) */
-    sb_real max_distance;     /* m */
-    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
-    sb_real active;           /* share of the surface's area that acts */
-    sb_real charge;           /* Young's moduli */
-    sb_real change;           /* largest displacement of a node in the last step (m) */
-    int pcg_iterations;       /* of the last step */
-    double seconds;           /* of all steps; with a clock, as are those of the last step: */
-    double seconds_field;     /* looking for the target, */
-    double seconds_system;    /* forces, tangent and preconditioner, */
-    double seconds_solve;     /* and the linear system */
-    sb_error error;           /* of a call that failed */
+    sb_real mean_distance;     /* of the active charges from the target, by area (m) */
+    sb_real max_distance;      /* m */
+    sb_real landmark_distance; /* largest, of landmarks from where they are seen (m) */
+    sb_real active;            /* share of the surface's area that acts */
+    sb_real charge;            /* Young's moduli */
+    sb_real change;            /* largest displacement of a node in the last step (m) */
+    int pcg_iterations;        /* of the last step */
+    double seconds;            /* of all steps; with a clock, as are those of the last step: */
+    double seconds_field;      /* looking for the target, */
+    double seconds_system;     /* forces, tangent and preconditioner, */
+    double seconds_solve;      /* and the linear system */
+    sb_error error;            /* of a call that failed */
 } reg_match_info;
 
 /* Makes a match; the body is not touched. SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no
@@ -117,9 +117,9 @@ REG_API void reg_match_destroy(reg_match *match); /* NULL is fine; the body stay
  * has less than a quarter or more than four times its volume); SB_ERROR_NOT_CONVERGED when too little of the
  * surface is near the target; SB_ERROR_UNSUPPORTED when the body has got constraints; SB_ERROR_STATE when its mesh has
  * changed: make a match of it anew. A recording of
- * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added to
- * the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching then
- * follows them. */
+ * the body holds the shape that it comes to, and replays without the match. Allocates nothing, unless loads were added
+ * to the body since. The same bits for any number of threads. Landmarks and supports may move between steps: matching
+ * then follows them. */
 REG_API sb_result reg_match_step(reg_match *match, reg_match_info *info);
 /* Steps until the match settles, `steps` (>= 0) are done or the time is up: all of these are SB_OK, and info->stop says
  * which. Errors as of a step. */
@@ -139,9 +139,9 @@ REG_API reg_match_info reg_match_get_info(const reg_match *match);
 
 /* The charges, for pictures of what acts: [reg_match_sample_count]. */
 typedef struct reg_match_sample {
-    sb_vec3 point;      /* m, where the last step looked */
-    sb_real area;       /* m^2 at rest */
-    sb_real distance;   /* m from the target */
+    sb_vec3 point;    /* m, where the last step looked */
+    sb_real area;     /* m^2 at rest */
+    sb_real distance; /* m from the target */
     int active;
 } reg_match_sample;
 REG_API int reg_match_sample_count(const reg_match *match);

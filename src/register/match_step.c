@@ -249,16 +249,20 @@ static sb_result regi_match_check_shape(reg_match *match)
     share = (double)(sb_mesh_volume(&mesh) / match->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
-    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
-                    "target shows a part of it only, or is of another size", share);
+    return sbi_fail(&match->info.error, SB_ERROR_DIVERGED,
+                    "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size",
+                    share);
 }
 
 /* What the look that came with the system says against going on. */
 static sb_result regi_match_check_look(reg_match *match)
 {
     if (match->partial && match->info.active < match->least_active && match->landmark_count == 0)
-        return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface is near the "
-                        "target and faces as it does: align them first", 100 * (double)match->info.active);
+        return sbi_fail(&match->info.error, SB_ERROR_NOT_CONVERGED,
+                        "only %.1f %% of the organ's surface is near the "
+                        "target and faces as it does: align them first",
+                        100 * (double)match->info.active);
     return regi_match_is_full(match) ? regi_match_check_shape(match) : SB_OK;
 }
 

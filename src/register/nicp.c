@@ -108,9 +108,9 @@ static sb_result regi_nicp_check(const reg_nicp_def *def, sb_error *error)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a body of custom elements cannot be registered");
     if (def->grid && !def->surface)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a body in a grid needs its surface");
-    if (def->grid && (sb_body_mesh_version(def->body) != 0 ||
-                      def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
-                      def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
+    if (def->grid &&
+        (sb_body_mesh_version(def->body) != 0 || def->grid->body_mesh.node_count != sb_body_node_count(def->body) ||
+         def->grid->body_mesh.element_count != sb_body_element_count(def->body)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the body was not made from the grid, or has changed since");
     result = regi_nicp_check_numbers(def, error);
     if (result == SB_OK)
@@ -243,11 +243,11 @@ static void regi_nicp_measure(const sb_surface *skin, const sb_vec3 *points, sb_
 
 /* Which vertices stand for which: runs of the order of a tree of them, in which neighbours are neighbours. */
 typedef struct regi_nicp_choice {
-    int count;        /* of vertices that have an area */
-    int *items;       /* [count] vertices */
-    sb_vec3 *points;  /* [count] */
-    int *order;       /* [count] into items */
-    sb_real spacing;  /* m, mean distance of the points from their nearest */
+    int count;       /* of vertices that have an area */
+    int *items;      /* [count] vertices */
+    sb_vec3 *points; /* [count] */
+    int *order;      /* [count] into items */
+    sb_real spacing; /* m, mean distance of the points from their nearest */
 } regi_nicp_choice;
 
 static void regi_nicp_free_choice(const sb_allocator *allocator, regi_nicp_choice *choice)
@@ -516,8 +516,8 @@ static sb_result regi_nicp_add_loads(reg_nicp *nicp, const reg_nicp_def *def, sb
     const sb_real none = 0;
     sb_result result;
     regi_nicp_points(nicp, &nicp->source_rows, nicp->goals);
-    result = sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load,
-                                 error);
+    result =
+        sb_body_add_mapping(nicp->body, &nicp->source_rows.mapping, &none, 1, nicp->goals, &nicp->surface_load, error);
     if (result == SB_OK && sbi_body_reserve_mapping_lines(nicp->body, nicp->surface_load) != SB_OK)
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory for the lines of %d sources", nicp->source_count);
     if (result != SB_OK || nicp->landmark_count == 0)
@@ -538,9 +538,9 @@ static sb_result regi_nicp_build_on(reg_nicp *nicp, const reg_nicp_def *def, con
     if (result == SB_OK)
         result = regi_nicp_make_field(nicp, def, error);
     if (result == SB_OK)
-        result = def->surface ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
-                              : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows,
-                                                    error);
+        result = def->surface
+                     ? regi_nicp_hold(nicp, def, surface->nodes, surface->node_count, &nicp->rows, error)
+                     : regi_nicp_node_rows(boundary->nodes, surface->node_count, &def->allocator, &nicp->rows, error);
     if (result == SB_OK && nicp->landmark_count)
         result = regi_nicp_hold(nicp, def, def->landmarks, nicp->landmark_count, &nicp->landmark_rows, error);
     if (result != SB_OK)

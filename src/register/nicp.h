@@ -44,52 +44,52 @@ typedef enum reg_nicp_stop {
 /* What a registration is made from. Start from reg_default_nicp_def(), set body and a target. Lengths are shares of the
  * organ's size: the diagonal of its bounding box. */
 typedef struct reg_nicp_def {
-    sb_body *body;            /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
-                               * while the registration lives, of stiffness 0 between its steps, and must outlive it.
-                               * Its supports, loads and constraints act. Gravity too: leave it 0 when the rest shape
-                               * already hangs in it */
-    const sb_grid *grid;      /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
-                               * through the grid's mapping. Read at creation only, as are all below */
-    const sb_mesh *surface;   /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
-                               * the body */
-    int sources;              /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
-    const sb_mesh *target;    /* surface that was seen, outward, in the same frame; or NULL, then: */
+    sb_body *body;          /* at rest or deformed; borrowed: it is moved, carries the penalties as mappings (load.h)
+                             * while the registration lives, of stiffness 0 between its steps, and must outlive it.
+                             * Its supports, loads and constraints act. Gravity too: leave it 0 when the rest shape
+                             * already hangs in it */
+    const sb_grid *grid;    /* NULL; or the grid whose body_mesh the body has: `surface` is then needed, and goes
+                             * through the grid's mapping. Read at creation only, as are all below */
+    const sb_mesh *surface; /* surface of the organ at rest, tri or quad, outward, or NULL (default): the boundary of
+                             * the body */
+    int sources;            /* most of the surface's vertices that are paired, evenly spread, >= 4; default 4000 */
+    const sb_mesh *target;  /* surface that was seen, outward, in the same frame; or NULL, then: */
     const sb_vec3 *target_points;  /* [target_count] cloud (m) */
     const sb_vec3 *target_normals; /* [target_count] outward, or NULL */
     int target_count;
-    int samples;              /* most points of the target that look for sources, evenly spread, >= 0; default 2000 */
+    int samples; /* most points of the target that look for sources, evenly spread, >= 0; default 2000 */
     reg_nicp_view view;
-    sb_vec3 camera;           /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
-    sb_real blending;         /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
-    sb_real sliding;          /* s, [0, 1]; default 0.999: the organ may slide along the target, whose closest places say
-                               * little about that. 0: as in the source, which costs a third of the accuracy. With 1
-                               * nothing holds a ball that may turn */
-    int noisy;                /* 1: n is the normal of the organ and not that of the target: less is made of the
-                               * target's shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
-    sb_real least_cosine;     /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
-                               * target has no normals */
-    reg_outliers outliers;    /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
+    sb_vec3 camera;        /* where it was seen from (m), in the target's frame; with FACING and VISIBLE */
+    sb_real blending;      /* alpha, [0, 1]; default 0.75. 1: only N_s counts */
+    sb_real sliding;       /* s, [0, 1]; default 0.999: the organ may slide along the target, whose closest places say
+                            * little about that. 0: as in the source, which costs a third of the accuracy. With 1
+                            * nothing holds a ball that may turn */
+    int noisy;             /* 1: n is the normal of the organ and not that of the target: less is made of the
+                            * target's shape, and less of its noise (1 mm on triangles of 4 mm); default 0 */
+    sb_real least_cosine;  /* least cosine of the normals of partners, [-1, 1]; default 0.3. Not asked for where the
+                            * target has no normals */
+    reg_outliers outliers; /* pairs that are too far apart, see reg_outlier_limit; default REG_OUTLIERS_MEDIAN */
     sb_real outlier_parameter; /* default 3 */
-    sb_real reach, last_reach;/* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
-                               * 0.03 */
-    sb_real first_stiffness;  /* penalty per area to begin with, in Young's modulus over organ size, > 0;
-                               * default 300. Where the organ bends by more than a tenth of its size: 30 */
-    sb_real last_stiffness;   /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
-    int increments;           /* of the stiffness, >= 1; default 4 */
-    int iterations;           /* most looks at the target in an increment, >= 1; default 2 */
-    int newton;               /* most Newton iterations of a balance, >= 1; default 6 */
-    sb_real newton_tolerance; /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
-    sb_real tolerance;        /* rms motion of the surface that counts as none, > 0; default 5e-5 */
-    sb_real least_active;     /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
-                               * with landmarks */
-    const sb_vec3 *landmarks; /* [landmark_count] points on or in the organ at rest (m), or NULL */
+    sb_real reach, last_reach; /* pairs nearer than this never are, > 0: falls from increment to increment; default 0.1,
+                                * 0.03 */
+    sb_real first_stiffness;   /* penalty per area to begin with, in Young's modulus over organ size, > 0;
+                                * default 300. Where the organ bends by more than a tenth of its size: 30 */
+    sb_real last_stiffness;    /* and in the end, >= first_stiffness; default 30,000. Noisy targets want less: 1000 */
+    int increments;            /* of the stiffness, >= 1; default 4 */
+    int iterations;            /* most looks at the target in an increment, >= 1; default 2 */
+    int newton;                /* most Newton iterations of a balance, >= 1; default 6 */
+    sb_real newton_tolerance;  /* of its forces, (0, 1); default 0.07: the next look changes them more than that */
+    sb_real tolerance;         /* rms motion of the surface that counts as none, > 0; default 5e-5 */
+    sb_real least_active;      /* least share of the surface's area with a partner, [0, 1]; default 0.05. Not asked for
+                                * with landmarks */
+    const sb_vec3 *landmarks;  /* [landmark_count] points on or in the organ at rest (m), or NULL */
     const sb_vec3 *landmark_targets; /* [landmark_count] where they are seen (m) */
     int landmark_count;
     sb_real landmark_stiffness; /* of each one's spring, in Young's modulus times mean element size, > 0; default 50 */
-    double max_seconds;       /* most time of all steps together, > 0; needs `clock`; default 1e9 */
-    sb_clock clock;           /* default NULL: times read 0 */
-    sb_allocator allocator;   /* default malloc; the threads are the body's */
-    unsigned cookie;          /* set by reg_default_nicp_def */
+    double max_seconds;         /* most time of all steps together, > 0; needs `clock`; default 1e9 */
+    sb_clock clock;             /* default NULL: times read 0 */
+    sb_allocator allocator;     /* default malloc; the threads are the body's */
+    unsigned cookie;            /* set by reg_default_nicp_def */
 } reg_nicp_def;
 REG_API reg_nicp_def reg_default_nicp_def(void);
 
@@ -97,29 +97,30 @@ typedef struct reg_nicp reg_nicp;
 
 /* How it stands. Distances are those before the last step moved the body, since that is where it looked. */
 typedef struct reg_nicp_info {
-    int iterations;           /* looks at the target so far */
-    int increment;            /* of the stiffness, from 1 */
+    int iterations; /* looks at the target so far */
+    int increment;  /* of the stiffness, from 1 */
     reg_nicp_stop stop;
-    sb_real mean_distance;    /* of paired sources from the target, by area (m) */
-    sb_real max_distance;     /* m */
-    sb_real landmark_distance;/* largest, of landmarks from where they are seen (m) */
-    sb_real active;           /* share of the surface's area that is paired */
-    int visible;              /* sources that the camera sees */
-    int pruned;               /* sources whose partner was too far away, looked elsewhere, or lay on the rim */
-    sb_real stiffness;        /* penalty per area (Pa/m) */
-    sb_real change;           /* rms motion of the sources in the last step (m) */
-    int newton_iterations;    /* of the last step */
+    sb_real mean_distance;     /* of paired sources from the target, by area (m) */
+    sb_real max_distance;      /* m */
+    sb_real landmark_distance; /* largest, of landmarks from where they are seen (m) */
+    sb_real active;            /* share of the surface's area that is paired */
+    int visible;               /* sources that the camera sees */
+    int pruned;                /* sources whose partner was too far away, looked elsewhere, or lay on the rim */
+    sb_real stiffness;         /* penalty per area (Pa/m) */
+    sb_real change;            /* rms motion of the sources in the last step (m) */
+    int newton_iterations;     /* of the last step */
     int pcg_iterations;
-    double seconds;           /* of all steps; with a clock, as are those of the last step: */
-    double seconds_pairs;     /* looking for partners, */
-    double seconds_solve;     /* and finding the balance */
-    sb_error error;           /* of a call that failed */
+    double seconds;       /* of all steps; with a clock, as are those of the last step: */
+    double seconds_pairs; /* looking for partners, */
+    double seconds_solve; /* and finding the balance */
+    sb_error error;       /* of a call that failed */
 } reg_nicp_info;
 
 /* Makes a registration; the body's shape is not touched, its loads get the penalties, with no force yet.
  * SB_ERROR_ARGUMENT (field named), SB_ERROR_NOT_FINITE, SB_ERROR_MATERIAL (no Young's modulus to measure the penalty
  * with), what reg_field_create says of the target, what sb_surface_create, sb_embedding_create and sb_grid_map_points
- * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and the body are then untouched. */
+ * say of the surface and the landmarks, SB_ERROR_UNSUPPORTED (a body of custom elements), SB_ERROR_MEMORY; *nicp and
+ * the body are then untouched. */
 REG_API sb_result reg_nicp_create(const reg_nicp_def *def, reg_nicp **nicp, sb_error *error);
 REG_API void reg_nicp_destroy(reg_nicp *nicp); /* NULL is fine; takes the penalties away; the body stays as it is */
 
@@ -152,11 +153,11 @@ REG_API void reg_nicp_positions(const reg_nicp *nicp, sb_vec3 *points);
 
 /* The sources, for pictures of what is paired: [reg_nicp_source_count]. */
 typedef struct reg_nicp_source {
-    int vertex;         /* of the surface */
-    sb_vec3 point;      /* m, where the last step looked */
-    sb_vec3 goal;       /* m, where it was drawn to */
-    sb_real area;       /* m^2 at rest that it stands for */
-    sb_real distance;   /* m from the target */
+    int vertex;       /* of the surface */
+    sb_vec3 point;    /* m, where the last step looked */
+    sb_vec3 goal;     /* m, where it was drawn to */
+    sb_real area;     /* m^2 at rest that it stands for */
+    sb_real distance; /* m from the target */
     int visible, active;
 } reg_nicp_source;
 REG_API int reg_nicp_source_count(const reg_nicp *nicp);

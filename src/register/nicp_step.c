@@ -77,8 +77,7 @@ static void regi_nicp_look_at(reg_nicp *nicp, regi_nicp_source *source)
     source->guess = hit.item;
     source->distance = hit.distance;
     source->way = sb_v3_sub(hit.point, at);
-    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) &&
-                     !regi_nicp_is_beyond(nicp, source, at, &hit);
+    source->paired = regi_nicp_agrees(nicp, source->normal, hit.normal) && !regi_nicp_is_beyond(nicp, source, at, &hit);
     if (sb_v3_dot(hit.normal, hit.normal) > 0 && !nicp->noisy)
         source->direction = hit.normal;
 }
@@ -223,8 +222,10 @@ static sb_result regi_nicp_pair(reg_nicp *nicp, sb_real stiffness)
     regi_nicp_gather_samples(nicp);
     regi_nicp_set_goals(nicp, stiffness);
     if (nicp->info.active < nicp->least_active && nicp->landmark_count == 0)
-        return sbi_fail(&nicp->info.error, SB_ERROR_NOT_CONVERGED, "only %.1f %% of the organ's surface has a partner "
-                        "on the target: align them first", 100 * (double)nicp->info.active);
+        return sbi_fail(&nicp->info.error, SB_ERROR_NOT_CONVERGED,
+                        "only %.1f %% of the organ's surface has a partner "
+                        "on the target: align them first",
+                        100 * (double)nicp->info.active);
     return SB_OK;
 }
 
@@ -334,8 +335,10 @@ static sb_result regi_nicp_check_shape(reg_nicp *nicp)
     share = (double)(sb_mesh_volume(&mesh) / nicp->volume);
     if (share > 0.25 && share < 4)
         return SB_OK;
-    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED, "the organ's volume has become %.3g times what it was: the "
-                    "target shows a part of it only, or is of another size", share);
+    return sbi_fail(&nicp->info.error, SB_ERROR_DIVERGED,
+                    "the organ's volume has become %.3g times what it was: the "
+                    "target shows a part of it only, or is of another size",
+                    share);
 }
 
 static sb_result regi_nicp_try(reg_nicp *nicp)
@@ -380,8 +383,8 @@ REG_API sb_result reg_nicp_step(reg_nicp *nicp, reg_nicp_info *info)
     if (result == SB_ERROR_STATE)
         nicp->info.stop = REG_NICP_FAILED;
     else if (result != SB_OK)
-        nicp->info.stop = nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP
-                                                                                              : REG_NICP_FAILED;
+        nicp->info.stop =
+            nicp->info.active < nicp->least_active && nicp->landmark_count == 0 ? REG_NICP_NO_OVERLAP : REG_NICP_FAILED;
     if (info)
         *info = nicp->info;
     return result;

@@ -17,12 +17,13 @@
  *
  * WHAT IT DOES NOT DO
  *
- * It finds no organ in a picture, and no landmark: it begins with points. A surface that slid along itself looks the same;
- * what the shape leaves open is decided by the elastic energy, or by landmarks.
+ * It finds no organ in a picture, and no landmark: it begins with points. A surface that slid along itself looks the
+ * same; what the shape leaves open is decided by the elastic energy, or by landmarks.
  *
  * A FIRST PROGRAM
  *
- * An organ model is matched to a scan of an organ that was bent and moved: first rigidly, from any pose, then elastically.
+ * An organ model is matched to a scan of an organ that was bent and moved: first rigidly, from any pose, then
+ * elastically.
  *
  *     ```c
  *     #define SB_IMPLEMENTATION

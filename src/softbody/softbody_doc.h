@@ -19,8 +19,8 @@
  *     SB_REAL            double (default) or float. The exported names of a float build end in _f32.
  *     SB_STATIC          everything static: two libraries in one process never clash. Put SB_IMPLEMENTATION in each
  *                        file that includes the header then.
- *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also under
- *                        -fvisibility=hidden; all others import them.
+ *     SB_SHARED          a shared library or DLL: the file with SB_IMPLEMENTATION exports the public functions, also
+ *                        under -fvisibility=hidden; all others import them.
  *     SB_API             what stands before each public function in place of extern (in C++ extern "C"), of needle.h's
  *                        and register.h's too unless NDL_API and REG_API are defined.
  *     SB_ELEMENT         SB_TET4, SB_TET10, SB_HEX8, SB_HEX20, SB_HEX27 or SB_CUSTOM: compile the loops of this element
@@ -28,8 +28,9 @@
  *     SB_USE_OPENMP      with -fopenmp: sb_jobs_openmp() spreads the loops over OpenMP's threads.
  *     SB_ASSERT(c)       what checks the library's own invariants; default nothing. Bad input never reaches it.
  *     SB_NO_VECTORS      no compiler vector types in preconditioner and direct solver: plain loops, same bits, slower.
- *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save and
- *                        theirs. Saved states and recordings stay, in memory and in files. register.h needs these readers.
+ *     SB_NO_FILES        leaves out what reads and writes files of meshes, images and point clouds: sb_mesh_load, _save
+ *                        and theirs. Saved states and recordings stay, in memory and in files. register.h needs these
+ *                        readers.
  *     SB_NO_GEOMETRY     leaves out surfaces, sb_mesh_stuff, grids and embeddings. needle.h and register.h need them.
  *                        The two save @ of @ s of compile time.
  *     SB_ALLOW_FAST_MATH insist on -ffast-math, which otherwise is an error: it breaks determinism and NaN checks.
@@ -110,12 +111,12 @@
  * state        sb_body_state_save and _load: back to a moment, in memory or a file; what follows has the same bits.
  * recording    sb_recording_start: every call on a body, to be replayed; says which step differs, and where.
  *
- * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports whether
- *              they bound a solid, sb_surface_repair mends what can be mended.
+ * sb_surface   triangles that answer: closest point, ray, signed distance, winding number. sb_surface_check reports
+ *              whether they bound a solid, sb_surface_repair mends what can be mended.
  * sb_image     labels of voxels, from a segmentation: sb_image_surface makes surfaces of them, sb_image_set_regions the
  *              regions of a mesh.
- * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create lays
- *              them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
+ * volumes      from surfaces: sb_mesh_stuff fills them with tets (several nested ones with regions); sb_grid_create
+ *              lays them into a grid of bricks that they cut. Both take an sb_shape: a surface, or a distance function.
  * sb_embedding points and surfaces carried along by a volume mesh, and forces on them brought back.
  *
  * Which material? sb_material_corotated for real time up to large rotations and moderate strains: it survives any
@@ -125,12 +126,13 @@
  *
  * Which element? tet10 bends well; tet4 is fastest per element but too stiff in bending and above nu 0.35; hex8 for
  * structured blocks up to nu 0.4, with SB_INTEGRATION_BBAR beyond; hex20 and hex27 for accuracy on blocks.
- * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements too: on
- * even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how much).
+ * def.single_rotation makes tet10 take less time. Near incompressibility all but B-bar hex8 lock, quadratic elements
+ * too: on even meshes hex20 and hex27 from nu 0.49, tet10 from 0.495 (sb_body_check warns, sb_check_report says how
+ * much).
  *
  * Which integrator? SB_EULER for trainers. SB_GENERALISED_ALPHA for studies of large or fast motion, SB_NEWMARK for
- * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft tissue,
- * coarse meshes.
+ * small motion that must keep its energy, SB_CENTRAL_DIFFERENCE where many short steps without a solve pay: soft
+ * tissue, coarse meshes.
  *
  * An organ from a file, held at its top, pulled by a tool, its force read:
  *
@@ -323,18 +325,19 @@
  * THREADS
  *
  * No globals (but one record per thread that calls sb_jobs_openmp()'s loops). Different objects may be used from
- * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs: give
- * it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that matter.
+ * different threads; one object by one thread at a time. A body's own loops spread over the threads behind def.jobs:
+ * give it your job system's run function, or sb_jobs_openmp(), whose comment names the environment variables that
+ * matter.
  *
  * DETERMINISM
  *
  * The same input gives the same bits with any number of threads, and with any compiler and optimisation that does
- * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or -ffp-contract=off where
- * fused multiply-add exists (the header asks for it where it can).
+ * IEEE arithmetic without contraction: a pragma here says so to clang; with gcc compile as -std=c99 or
+ * -ffp-contract=off where fused multiply-add exists (the header asks for it where it can).
  *
  * REFERENCE
  *
  * The declarations below are the reference, room by room: core (results, allocator, jobs), dense (vectors, matrices,
- * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse, domain,
- * direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
+ * decompositions), element, mesh, meshgen, meshio, image, labels, surface, stuffing, material, material_fit, sparse,
+ * domain, direct, multigrid, precond, pcg, grid, body, load, embed, constraint, step, modes, state, record.
  */

@@ -3,8 +3,9 @@
  * One line per mesh and order, least and median times over 40 rounds of force, tangent, product with the assembled
  * matrix, product without a matrix, one after the other so that none finds the caches as it left them:
  *     name order cells blocks | force tangent product matrix-free (least ms) | the same, median | differ K free
- * differ: largest difference of forces and blocks from the loops that take any material, of the products from each other,
- * each relative to the largest. Times are those of the clock; with one thread, of the thread. Asserts nothing. */
+ * differ: largest difference of forces and blocks from the loops that take any material, of the products from each
+ * other, each relative to the largest. Times are those of the clock; with one thread, of the thread. Asserts
+ * nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -86,7 +87,8 @@ static void order_by_place(sb_mesh *mesh)
     int *old_elements = (int *)malloc((size_t)elements * (size_t)n * sizeof *old_elements);
     memcpy(old_nodes, mesh->nodes, (size_t)nodes * sizeof *old_nodes);
     for (int i = 0; i < nodes; i++) {
-        keys[i].code = interleave(2e4 * (double)old_nodes[i].x, 2e4 * (double)old_nodes[i].y, 2e4 * (double)old_nodes[i].z);
+        keys[i].code =
+            interleave(2e4 * (double)old_nodes[i].x, 2e4 * (double)old_nodes[i].y, 2e4 * (double)old_nodes[i].z);
         keys[i].index = i;
     }
     qsort(keys, (size_t)nodes, sizeof *keys, compare_keys);
@@ -177,7 +179,8 @@ static void run_beam(const char *name, sb_element_type type, int nx, int ny, int
     for (int k = 0; k < 3; k++) {
         sb_mesh mesh;
         memset(&mesh, 0, sizeof mesh);
-        if (sb_mesh_beam(type, nx, ny, nz, sb_v3((sb_real)0.2, (sb_real)0.06, (sb_real)0.06), NULL, &mesh, NULL) != SB_OK)
+        if (sb_mesh_beam(type, nx, ny, nz, sb_v3((sb_real)0.2, (sb_real)0.06, (sb_real)0.06), NULL, &mesh, NULL) !=
+            SB_OK)
             return;
         if (k == 1)
             sb_mesh_reorder(&mesh, NULL, NULL, NULL);

@@ -3,11 +3,11 @@
  *     bench_busy [BUSY...]      numbers of busy processes, default 0 2 8 14
  *
  * Two beams of bench_step's scene, of 13,000 tet4 and of 1,300, are stepped by one thread and by OpenMP's threads
- * (OMP_NUM_THREADS, default all processors) in turns, so that both meet the same neighbours: 12 turns of at least 0.5 s and 20
- * steps each. One line per number of busy processes, body and number of threads, ratio last:
+ * (OMP_NUM_THREADS, default all processors) in turns, so that both meet the same neighbours: 12 turns of at least 0.5 s
+ * and 20 steps each. One line per number of busy processes, body and number of threads, ratio last:
  *     busy name threads steps mean_ms min_ms median_ms p99_ms worst_ms checksum | mean over mean of one thread
- * The ratio is the median over the turns, each against the turn of one thread just before it. Asserts nothing. POSIX only:
- * the busy processes are forked. */
+ * The ratio is the median over the turns, each against the turn of one thread just before it. Asserts nothing. POSIX
+ * only: the busy processes are forked. */
 #if defined(__unix__) || defined(__APPLE__)
 #if !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
@@ -148,8 +148,10 @@ static void run(int busy, const char *name, const sb_mesh *mesh)
 
 static void run_beams(int busy)
 {
-    static const struct { const char *name; int nx, ny, nz; } beams[2] = {
-        {"beam_tet4_13k", 28, 9, 9}, {"beam_tet4_1300", 14, 4, 4}};
+    static const struct {
+        const char *name;
+        int nx, ny, nz;
+    } beams[2] = {{"beam_tet4_13k", 28, 9, 9}, {"beam_tet4_1300", 14, 4, 4}};
     for (int k = 0; k < 2; k++) {
         sb_mesh mesh;
         if (sb_mesh_beam(SB_TET4, beams[k].nx, beams[k].ny, beams[k].nz,

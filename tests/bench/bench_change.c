@@ -1,7 +1,7 @@
-/* bench_change: what a change of the mesh costs below the body: domain, matrix, assembly and preconditioner of a tet4 box
- * follow splits of edges and go back. Prints a line per number of cells: cells changed, median and largest microseconds of
- * each room and of all. Then the same of bodies: the calls that put a change together, its commit, and the first step after
- * it beside the second. Asserts nothing. */
+/* bench_change: what a change of the mesh costs below the body: domain, matrix, assembly and preconditioner of a tet4
+ * box follow splits of edges and go back. Prints a line per number of cells: cells changed, median and largest
+ * microseconds of each room and of all. Then the same of bodies: the calls that put a change together, its commit, and
+ * the first step after it beside the second. Asserts nothing. */
 #define SB_STATIC
 #define SB_ELEMENT SB_TET4
 #define SB_IMPLEMENTATION
@@ -260,8 +260,8 @@ static sb_embedding *follow_points(const sb_mesh *mesh, sb_body *body, int count
     return embedding;
 }
 
-/* Commits there and back, the calls before them, and the first step after a change against the second; with so many points
- * that follow. */
+/* Commits there and back, the calls before them, and the first step after a change against the second; with so many
+ * points that follow. */
 static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind, int points)
 {
     static splits s;
@@ -313,9 +313,11 @@ static void bench_body(int nx, int ny, int nz, int cells, sb_precond_kind kind, 
             changed = s.cells;
         }
     middle = median(commits, samples);
-    printf("commit_%dk cells=%d %s points=%d calls_us=%.1f commit_us=%.1f (least %.1f) first_step_us=%.0f second_step_us=%.0f\n",
-           6 * nx * ny * nz / 1000, changed, sb_precond_string(sb_body_solver(body).kind), points, 1e6 * median(calls, samples),
-           1e6 * middle, 1e6 * commits[0], 1e6 * median(first, samples), 1e6 * median(second, samples));
+    printf("commit_%dk cells=%d %s points=%d calls_us=%.1f commit_us=%.1f (least %.1f) first_step_us=%.0f "
+           "second_step_us=%.0f\n",
+           6 * nx * ny * nz / 1000, changed, sb_precond_string(sb_body_solver(body).kind), points,
+           1e6 * median(calls, samples), 1e6 * middle, 1e6 * commits[0], 1e6 * median(first, samples),
+           1e6 * median(second, samples));
     sb_embedding_destroy(embedding);
     sb_body_destroy(body);
     live_mesh_free(&m);

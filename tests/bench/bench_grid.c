@@ -6,8 +6,8 @@
  *
  * One line per grid:
  *     name n_dof cells points build_ms tangent_ms min_ms bytes checksum
- * build_ms: making the grid; tangent_ms: assembly of a neo-Hookean tangent in an iteration of Newton's method, median over
- * steps, and their minimum; bytes: what the body holds; the checksum is the volume (m^3). Asserts nothing. */
+ * build_ms: making the grid; tangent_ms: assembly of a neo-Hookean tangent in an iteration of Newton's method, median
+ * over steps, and their minimum; bytes: what the body holds; the checksum is the volume (m^3). Asserts nothing. */
 #define SB_IMPLEMENTATION
 #include "softbody.h"
 
@@ -130,7 +130,8 @@ int main(void)
             n++;
         memset(&block, 0, sizeof block);
         double started = now();
-        if (sb_mesh_beam(SB_HEX8, 2 * n, n, n, sb_v3((sb_real)0.2, (sb_real)0.1, (sb_real)0.1), NULL, &block, NULL) == SB_OK)
+        if (sb_mesh_beam(SB_HEX8, 2 * n, n, n, sb_v3((sb_real)0.2, (sb_real)0.1, (sb_real)0.1), NULL, &block, NULL) ==
+            SB_OK)
             run("hex8_plain", &block, NULL, now() - started, (double)sb_mesh_volume(&block));
         sb_mesh_free(&block);
     }

@@ -14,8 +14,8 @@
 enum { REPEATS = 3 };
 
 static const double tolerances[2] = {1e-2, 1e-6};
-static const char *const part_names[STIFF_COUNT] = {"even", "block", "touching", "slabs",
-                                                    "sheet", "rod", "inclusions", "specks"};
+static const char *const part_names[STIFF_COUNT] = {"even",  "block", "touching",   "slabs",
+                                                    "sheet", "rod",   "inclusions", "specks"};
 
 typedef struct beam {
     const char *name;
@@ -49,8 +49,8 @@ static beam beam_make(const char *name, sb_element_type type, int n)
     memset(&b, 0, sizeof b);
     b.name = name;
     b.corners = type == SB_TET10 ? 10 : 4;
-    b.mesh = scene_box(type, 3 * n, n, n, sb_v3((sb_real)0.18, (sb_real)0.06, (sb_real)0.06),
-                       type == SB_TET10 ? 0 : 0.15);
+    b.mesh =
+        scene_box(type, 3 * n, n, n, sb_v3((sb_real)0.18, (sb_real)0.06, (sb_real)0.06), type == SB_TET10 ? 0 : 0.15);
     if (sb_mesh_reorder(&b.mesh, NULL, NULL, &error) ||
         sb_matrix_create(b.mesh.node_count, b.mesh.element_count, b.corners, NULL, b.mesh.elements, NULL, &b.matrix,
                          &error) ||

@@ -31,10 +31,10 @@ static size_t bytes_given;
 typedef struct workload {
     const char *name;
     sb_mesh mesh, surface, target;
-    int has_surface;     /* 0: the mesh's boundary is matched */
-    sb_vec3 *truth;      /* [nodes] displacement (m) */
+    int has_surface;       /* 0: the mesh's boundary is matched */
+    sb_vec3 *truth;        /* [nodes] displacement (m) */
     unsigned char *scored; /* [nodes] 1: the truth is known there */
-    sb_real fixed_below; /* nodes with (x + z) / sqrt 2 below that do not move (m) */
+    sb_real fixed_below;   /* nodes with (x + z) / sqrt 2 below that do not move (m) */
 } workload;
 
 /* ---- workloads ---- */
@@ -194,12 +194,12 @@ static int make_organ(workload *w, sb_element_type type)
 /* What one run was like. */
 typedef struct course {
     int steps;
-    double created, seconds;       /* s; all steps */
-    double ends[MOST_STEPS];       /* s, of the steps up to each */
-    double phases[3];              /* s; all steps: field, system, solve */
+    double created, seconds; /* s; all steps */
+    double ends[MOST_STEPS]; /* s, of the steps up to each */
+    double phases[3];        /* s; all steps: field, system, solve */
     int pcg;
     size_t bytes;
-    sb_vec3 *places;               /* [MOST_STEPS][nodes] displacements after each step, or NULL: not kept */
+    sb_vec3 *places; /* [MOST_STEPS][nodes] displacements after each step, or NULL: not kept */
 } course;
 
 /* After a step: 0 when there is no place for more of them. */

@@ -40,8 +40,7 @@ static int make_scene(phantom *p, sb_real tolerance)
     def.jobs = jobs_asked_for();
     bytes_given = 0;
     return phantom_make_mesh(&p->mesh, &error) == SB_OK && phantom_survey(p, &error) == SB_OK &&
-           phantom_make_tissue(p, &def, &error) == SB_OK &&
-           phantom_make_needle(p, 7, sb_v3(0, 0, 0), &error) == SB_OK;
+           phantom_make_tissue(p, &def, &error) == SB_OK && phantom_make_needle(p, 7, sb_v3(0, 0, 0), &error) == SB_OK;
 }
 
 static ndl_command insert(int step)
@@ -115,10 +114,10 @@ static void run(const char *name, ndl_command (*command_at)(int step), int steps
     n_dof = 3 * p.mesh.node_count;
     phantom_free(&p);
     qsort(times, (size_t)counted, sizeof times[0], ascending);
-    printf("%s %d %.3f %.3f %.3f %.1f %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, n_dof,
-           times[counted / 2], times[0], times[counted * 99 / 100], (double)iterations / counted,
-           (unsigned long)bytes, sum_displacements(command_at, steps), phases[0], phases[1], phases[2], phases[3],
-           (double)trials / counted, most, 100.0 * consistent / counted);
+    printf("%s %d %.3f %.3f %.3f %.1f %lu %.9g | %.3f %.3f %.3f %.3f; %.2f/%d; %.2f\n", name, n_dof, times[counted / 2],
+           times[0], times[counted * 99 / 100], (double)iterations / counted, (unsigned long)bytes,
+           sum_displacements(command_at, steps), phases[0], phases[1], phases[2], phases[3], (double)trials / counted,
+           most, 100.0 * consistent / counted);
 }
 
 int main(void)

@@ -41,9 +41,9 @@ static void beam_mesh(beam *b, const int *n, int corners)
     b->mask = (unsigned char *)calloc((size_t)b->nodes, 1);
     for (int node = 0; node < b->nodes; node++) {
         int at[3] = {node / (points[1] * points[2]), node / points[2] % points[1], node % points[2]};
-        b->positions[node] = sb_v3((sb_real)(beam_size[0] * at[0] / (points[0] - 1)),
-                                   (sb_real)(beam_size[1] * at[1] / (points[1] - 1)),
-                                   (sb_real)(beam_size[2] * at[2] / (points[2] - 1)));
+        b->positions[node] =
+            sb_v3((sb_real)(beam_size[0] * at[0] / (points[0] - 1)), (sb_real)(beam_size[1] * at[1] / (points[1] - 1)),
+                  (sb_real)(beam_size[2] * at[2] / (points[2] - 1)));
         b->mask[node] = at[0] == 0 ? SB_XYZ : 0;
     }
     for (int t = 0; t < b->tets; t++) {
@@ -95,9 +95,12 @@ static const struct {
     const char *name;
     sb_precond_kind kind;
     int power, most_nodes; /* larger meshes are left out */
-} smoothers[] = {{"jacobi", SB_PRECOND_BLOCK_JACOBI, 1, 1000000}, {"ssor", SB_PRECOND_SSOR, 1, 1000000},
-                 {"ic0", SB_PRECOND_IC0, 1, 1000000},             {"fsai1", SB_PRECOND_FSAI, 1, 1000000},
-                 {"fsai2", SB_PRECOND_FSAI, 2, 10000},            {"chol", SB_PRECOND_CHOLESKY, 1, 20000}};
+} smoothers[] = {{"jacobi", SB_PRECOND_BLOCK_JACOBI, 1, 1000000},
+                 {"ssor", SB_PRECOND_SSOR, 1, 1000000},
+                 {"ic0", SB_PRECOND_IC0, 1, 1000000},
+                 {"fsai1", SB_PRECOND_FSAI, 1, 1000000},
+                 {"fsai2", SB_PRECOND_FSAI, 2, 10000},
+                 {"chol", SB_PRECOND_CHOLESKY, 1, 20000}};
 
 static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, const sb_jobs *jobs)
 {
@@ -130,8 +133,7 @@ static void bench_kind(const char *mesh, beam *b, int smoother, int pieces, cons
     }
     resolved = sb_preconditioner_get_info(preconditioner);
     printf("%-14s %-6s dof %6d pieces %2d shift %-6g bytes %9lu setup %7.3f ms", mesh, smoothers[smoother].name,
-           3 * b->nodes, resolved.piece_count, resolved.shift, (unsigned long)resolved.bytes,
-           median(times, count));
+           3 * b->nodes, resolved.piece_count, resolved.shift, (unsigned long)resolved.bytes, median(times, count));
     options.jobs = jobs;
     options.max_iterations = 5000;
     for (int t = 0; t < (SB_REAL_IS_FLOAT ? 2 : 3); t++) {
@@ -158,9 +160,8 @@ int main(int argc, char **argv)
     static const struct {
         const char *name;
         int corners, cubes[3];
-    } cases[3] = {{"beam_tet4_13k", 4, {22, 10, 10}},
-                  {"beam_tet10_9k", 10, {15, 10, 10}},
-                  {"beam_tet4_106k", 4, {44, 20, 20}}};
+    } cases[3] = {
+        {"beam_tet4_13k", 4, {22, 10, 10}}, {"beam_tet10_9k", 10, {15, 10, 10}}, {"beam_tet4_106k", 4, {44, 20, 20}}};
     sb_jobs jobs = {NULL, NULL};
 #if defined(SB_USE_OPENMP)
     jobs = sb_jobs_openmp();

@@ -25,7 +25,7 @@ static size_t bytes_given;
 
 typedef struct workload {
     const char *name;
-    int tool;           /* node that pushes, or -1 */
+    int tool; /* node that pushes, or -1 */
     sb_mesh mesh;
     sb_real dt;
     sb_real young, poisson, density;
@@ -115,8 +115,8 @@ static void run(const workload *w, double tolerance, double sum)
     printf("%-15s %.0e %7d %8.2f %8.2f %8.2f %6.1f %10lu ", w->name, tolerance, 3 * w->mesh.node_count,
            1e3 * times[count / 2], 1e3 * times[0], 1e3 * times[count * 99 / 100], (double)iterations / count,
            (unsigned long)bytes);
-    printf("%.9e | %.2f %.2f %.2f %.2f\n", sum, 1e3 * phases[0] / count,
-           1e3 * phases[1] / count, 1e3 * phases[2] / count, 1e3 * phases[3] / count);
+    printf("%.9e | %.2f %.2f %.2f %.2f\n", sum, 1e3 * phases[0] / count, 1e3 * phases[1] / count,
+           1e3 * phases[2] / count, 1e3 * phases[3] / count);
     fflush(stdout);
     sb_body_destroy(body);
 }

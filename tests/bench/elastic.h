@@ -52,8 +52,7 @@ static inline void elastic_add(sb_real *block, const double *a, const double *b,
     double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++)
-            block[3 * r + c] +=
-                (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
+            block[3 * r + c] += (sb_real)(factor * (lambda * a[r] * b[c] + mu * b[r] * a[c] + (r == c ? mu * dot : 0)));
 }
 
 typedef struct elastic_system {

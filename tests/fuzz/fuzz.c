@@ -28,13 +28,27 @@
 static const struct fuzz_target {
     const char *name;
     void (*run)(const uint8_t *data, size_t size);
-} fuzz_targets[] = {{"vtk", fuzz_vtk},       {"gmsh", fuzz_gmsh}, {"tetgen", fuzz_tetgen},
-                    {"surface", fuzz_surface}, {"geometry", fuzz_geometry}, {"mesh", fuzz_mesh}, {"case", fuzz_case},
-                    {"state", fuzz_state},   {"record", fuzz_record}, {"body", fuzz_body},
-                    {"cloud", fuzz_cloud},   {"vtu", fuzz_vtu},       {"medit", fuzz_medit},
-                    {"needle_state", fuzz_needle_state}, {"needle_program", fuzz_needle_program},
-                    {"icp", fuzz_icp},       {"cpd", fuzz_cpd},       {"match", fuzz_match},
-                    {"nicp", fuzz_nicp},     {"precond", fuzz_precond}, {"image", fuzz_image}};
+} fuzz_targets[] = {{"vtk", fuzz_vtk},
+                    {"gmsh", fuzz_gmsh},
+                    {"tetgen", fuzz_tetgen},
+                    {"surface", fuzz_surface},
+                    {"geometry", fuzz_geometry},
+                    {"mesh", fuzz_mesh},
+                    {"case", fuzz_case},
+                    {"state", fuzz_state},
+                    {"record", fuzz_record},
+                    {"body", fuzz_body},
+                    {"cloud", fuzz_cloud},
+                    {"vtu", fuzz_vtu},
+                    {"medit", fuzz_medit},
+                    {"needle_state", fuzz_needle_state},
+                    {"needle_program", fuzz_needle_program},
+                    {"icp", fuzz_icp},
+                    {"cpd", fuzz_cpd},
+                    {"match", fuzz_match},
+                    {"nicp", fuzz_nicp},
+                    {"precond", fuzz_precond},
+                    {"image", fuzz_image}};
 enum { FUZZ_TARGETS = sizeof fuzz_targets / sizeof fuzz_targets[0] };
 
 static const struct fuzz_target *fuzz_find_target(const char *name)

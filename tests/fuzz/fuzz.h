@@ -35,8 +35,8 @@ static inline int fuzz_is_empty(const fuzz_bytes *bytes) { return bytes->at >= b
 /* A number: mostly a tame one in [-1, 1], sometimes one of those that break things. */
 static inline sb_real fuzz_real(fuzz_bytes *bytes)
 {
-    static const double wild[16] = {0,    -0.0, 1,     -1,   1e-300, 1e-30, 1e30, -1e30,
-                                    1e15, 1e-8, 1e150, 1e38, 1e308,  -1e308, 0.5, 1000};
+    static const double wild[16] = {0,    -0.0, 1,     -1,   1e-300, 1e-30,  1e30, -1e30,
+                                    1e15, 1e-8, 1e150, 1e38, 1e308,  -1e308, 0.5,  1000};
     int b = fuzz_byte(bytes);
     sb_real infinite = SB_REAL_MAX;
     infinite *= 2;

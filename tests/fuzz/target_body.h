@@ -133,8 +133,9 @@ static sb_body *fuzz_make_body(fuzz_bytes *bytes, int flags, const sb_mesh *mesh
     }
     def.fibres = flags & FUZZ_FIBRES ? fibres : NULL;
     def.integrator = kind & 1 ? SB_NEWMARK : SB_EULER;
-    def.integrator = flags & FUZZ_ALPHA ? SB_GENERALISED_ALPHA : flags & FUZZ_CENTRAL ? SB_CENTRAL_DIFFERENCE
-                                                                                     : def.integrator;
+    def.integrator = flags & FUZZ_ALPHA     ? SB_GENERALISED_ALPHA
+                     : flags & FUZZ_CENTRAL ? SB_CENTRAL_DIFFERENCE
+                                            : def.integrator;
     def.spectral_radius = kind & 64 ? (sb_real)0.5 : (sb_real)0.9;
     def.max_substeps = FUZZ_SUBSTEPS;
     def.mass = (sb_mass_kind)(kind / 2 % 4 % 3);
@@ -164,7 +165,7 @@ typedef struct fuzz_session {
     fuzz_bytes bytes;
     sb_body *body;
     const sb_mesh *mesh;
-    void *saved;       /* a state, or NULL */
+    void *saved; /* a state, or NULL */
     size_t saved_size;
     sb_recording *recording; /* or NULL */
 } fuzz_session;
@@ -365,8 +366,8 @@ static sb_result fuzz_tie(fuzz_session *s)
     int faces[4], slaves[6], corners = fuzz_face(s, faces), count = 1 + fuzz_byte(&s->bytes) % 5;
     for (int i = 0; i < count; i++)
         slaves[i] = fuzz_byte(&s->bytes) % s->mesh->node_count;
-    return sb_body_tie_faces(s->body, faces, 1, corners, slaves, count, fuzz_real(&s->bytes),
-                             fuzz_byte(&s->bytes) % 4, NULL, NULL);
+    return sb_body_tie_faces(s->body, faces, 1, corners, slaves, count, fuzz_real(&s->bytes), fuzz_byte(&s->bytes) % 4,
+                             NULL, NULL);
 }
 
 static sb_result fuzz_constraints(fuzz_session *s, int kind)
@@ -518,10 +519,14 @@ static const struct fuzz_known {
     sb_element_type type;
     sb_integrator integrator;
     int hyperelastic, bbar, rich; /* rich: two parts, with loads that follow, constraints, fibres and Prony terms */
-} fuzz_known[8] = {{SB_TET4, SB_EULER, 0, 0, 0},   {SB_TET10, SB_NEWMARK, 0, 0, 0},
-                   {SB_HEX8, SB_EULER, 0, 0, 0},   {SB_TET4, SB_EULER, 1, 0, 0},
-                   {SB_HEX8, SB_GENERALISED_ALPHA, 1, 1, 1},  {SB_TET4, SB_CENTRAL_DIFFERENCE, 1, 0, 1},
-                   {SB_CUSTOM, SB_EULER, 0, 0, 1}, {SB_HEX20, SB_EULER, 1, 0, 0}};
+} fuzz_known[8] = {{SB_TET4, SB_EULER, 0, 0, 0},
+                   {SB_TET10, SB_NEWMARK, 0, 0, 0},
+                   {SB_HEX8, SB_EULER, 0, 0, 0},
+                   {SB_TET4, SB_EULER, 1, 0, 0},
+                   {SB_HEX8, SB_GENERALISED_ALPHA, 1, 1, 1},
+                   {SB_TET4, SB_CENTRAL_DIFFERENCE, 1, 0, 1},
+                   {SB_CUSTOM, SB_EULER, 0, 0, 1},
+                   {SB_HEX20, SB_EULER, 1, 0, 0}};
 
 /* Loads and constraints for a body of two parts, whose first `split` nodes are the first. */
 static void fuzz_enrich(sb_body *body, const sb_mesh *mesh, int split)

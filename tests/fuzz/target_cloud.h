@@ -32,7 +32,8 @@ static void fuzz_cloud(const uint8_t *data, size_t size)
     if (size == 0)
         return;
     memset(&cloud, 0, sizeof cloud);
-    result = reg_cloud_load_memory(&cloud, data + 1, size - 1, (reg_cloud_format)(data[0] % 4), "fuzz", 1, NULL, &error);
+    result =
+        reg_cloud_load_memory(&cloud, data + 1, size - 1, (reg_cloud_format)(data[0] % 4), "fuzz", 1, NULL, &error);
     if (result != SB_OK) {
         FUZZ_REQUIRE(cloud.points == NULL && cloud.normals == NULL);
         FUZZ_REQUIRE(error.result == result && error.message[0]);

@@ -1,4 +1,5 @@
-/* Target: a soup of triangles goes the whole road: checks, repairs, queries, tets, grids, and back as embedded points. */
+/* Target: a soup of triangles goes the whole road: checks, repairs, queries, tets, grids, and back as embedded
+ * points. */
 #ifndef TARGET_GEOMETRY_H
 #define TARGET_GEOMETRY_H
 
@@ -12,7 +13,8 @@ typedef struct geometry {
     sb_mesh soup; /* of the arrays above */
 } geometry;
 
-/* A closed shape to start from, so that inputs need not find one by chance: an octahedron, pulled about by the bytes. */
+/* A closed shape to start from, so that inputs need not find one by chance: an octahedron, pulled about by the
+ * bytes. */
 static void geometry_make(geometry *g, fuzz_bytes *bytes)
 {
     static const int octahedron[24] = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5};

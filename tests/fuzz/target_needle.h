@@ -164,7 +164,8 @@ static ndl_needle *fuzz_make_needle(fuzz_bytes *bytes, sb_body *body)
     friction.friction = 50 * sb_abs(fuzz_real(bytes));
     def.body = body;
     def.direction = sb_v3((sb_real)0.5 * tilt.x, (sb_real)0.5 * tilt.y, -1);
-    def.base = sb_v3((sb_real)(0.015 + 0.012 * (double)aim.x), (sb_real)(0.015 + 0.012 * (double)aim.y), (sb_real)0.072);
+    def.base =
+        sb_v3((sb_real)(0.015 + 0.012 * (double)aim.x), (sb_real)(0.015 + 0.012 * (double)aim.y), (sb_real)0.072);
     def.length = (sb_real)0.04;
     def.frictions = &friction;
     def.friction_count = 1;

@@ -5,7 +5,4 @@
 
 const char *float_result_string(int result);
 
-int main(void)
-{
-    return strcmp(sb_result_string(SB_ERROR_MESH), float_result_string(SB_ERROR_MESH)) != 0;
-}
+int main(void) { return strcmp(sb_result_string(SB_ERROR_MESH), float_result_string(SB_ERROR_MESH)) != 0; }

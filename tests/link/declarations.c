@@ -3,7 +3,4 @@
 
 #include <string.h>
 
-int main(void)
-{
-    return strcmp(sb_result_string(SB_ERROR_MESH), "SB_ERROR_MESH") != 0;
-}
+int main(void) { return strcmp(sb_result_string(SB_ERROR_MESH), "SB_ERROR_MESH") != 0; }

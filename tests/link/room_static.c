@@ -1,4 +1,5 @@
-/* NDL_STATIC and REG_STATIC: one object that exports softbody.h's functions, and keeps the other two headers' private. */
+/* NDL_STATIC and REG_STATIC: one object that exports softbody.h's functions, and keeps the other two headers'
+ * private. */
 #define NDL_STATIC
 #define REG_STATIC
 #define SB_IMPLEMENTATION
@@ -9,7 +10,4 @@
 
 #include <string.h>
 
-int main(void)
-{
-    return strcmp(sb_result_string(SB_ERROR_MESH), "SB_ERROR_MESH") != 0 || NDL_STATIC != 1;
-}
+int main(void) { return strcmp(sb_result_string(SB_ERROR_MESH), "SB_ERROR_MESH") != 0 || NDL_STATIC != 1; }

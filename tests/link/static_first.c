@@ -8,7 +8,4 @@
 
 int static_second(void);
 
-int main(void)
-{
-    return static_second() || strcmp(sb_result_string(SB_ERROR_FILE), "SB_ERROR_FILE") != 0;
-}
+int main(void) { return static_second() || strcmp(sb_result_string(SB_ERROR_FILE), "SB_ERROR_FILE") != 0; }

@@ -177,7 +177,7 @@ static void sbi_openmp_run(void *user, sb_task task, void *task_user, int count)
  * milliseconds or more while no task is left for it. The caller cannot leave without it, so it counts what such loops
  * lose against doing all tasks alone, and where they lose, works alone for several times as long before it tries again.
  * On a machine with nothing else to do no loop loses; on any other the losses stay a small share. */
-enum { SBI_OPENMP_RANGES = 64 }; /* and threads at most */
+enum { SBI_OPENMP_RANGES = 64 };             /* and threads at most */
 static const double sbi_openmp_alone = 10;   /* seconds of work alone for each second lost */
 static const double sbi_openmp_slice = 1e-3; /* s, shorter than what a system lets one process run before the next */
 static const double sbi_openmp_longest = 1;  /* s of work alone at most, unless one loss was worth more */
@@ -232,9 +232,9 @@ static void sbi_openmp_work(sbi_openmp_range *ranges, int threads, sb_task task,
 }
 #endif
 
-/* Does the tasks on all threads. Returns the seconds lost against doing them alone; gains are negative. There are as many
- * threads however few tasks there are: a runtime ends those that one loop does not need, and starts them anew for the
- * next. */
+/* Does the tasks on all threads. Returns the seconds lost against doing them alone; gains are negative. There are as
+ * many threads however few tasks there are: a runtime ends those that one loop does not need, and starts them anew for
+ * the next. */
 static double sbi_openmp_share(int threads, sb_task task, void *task_user, int count)
 {
     sbi_openmp_range ranges[SBI_OPENMP_RANGES];
@@ -251,7 +251,8 @@ static double sbi_openmp_share(int threads, sb_task task, void *task_user, int c
         ranges[omp_get_thread_num()].busy = omp_get_wtime() - begun;
     }
     alone = ranges[0].busy;
-    most = 4 * ranges[0].busy + sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
+    most = 4 * ranges[0].busy +
+           sbi_openmp_slice; /* longer than that a thread was not at work but kept off its processor */
     for (int k = 1; k < threads; k++)
         alone += ranges[k].busy < most ? ranges[k].busy : most;
     return omp_get_wtime() - started - alone;

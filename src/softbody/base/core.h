@@ -45,10 +45,10 @@ typedef SB_REAL sb_real;
 #endif
 
 /* ---- linkage ----------------------------------------------------------------------------------------
- * SB_API: what stands before the declaration of each public function. Define it before including to have your own, in C++
- * with extern "C". Else SB_STATIC makes public functions static, so that two libraries in one process never clash, and
- * SB_SHARED makes them those of a shared library: exported by the file that defines SB_IMPLEMENTATION (before its first
- * inclusion), also under -fvisibility=hidden, and imported by all others.
+ * SB_API: what stands before the declaration of each public function. Define it before including to have your own, in
+ * C++ with extern "C". Else SB_STATIC makes public functions static, so that two libraries in one process never clash,
+ * and SB_SHARED makes them those of a shared library: exported by the file that defines SB_IMPLEMENTATION (before its
+ * first inclusion), also under -fvisibility=hidden, and imported by all others.
  * SBI_API: internal functions; static in the shipped header, extern when the rooms are compiled apart. */
 #if defined(__GNUC__)
 #define SBI_UNUSED __attribute__((unused))
@@ -121,36 +121,37 @@ typedef SB_REAL sb_real;
 /* ---- results and errors ------------------------------------------------------------------------------
  * Every call that can fail returns an sb_result and leaves its outputs untouched on failure. Calls that return
  * something else give 0, NULL or a struct of zeros for an object that is NULL and for an index that is not there; those
- * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as given. */
+ * that return nothing do nothing. Only the inline kernels of vectors and small matrices take their arguments as
+ * given. */
 typedef enum sb_result {
     SB_OK = 0,
-    SB_ERROR_MEMORY = -1,        /* the allocator returned NULL, or a size does not fit size_t */
-    SB_ERROR_ARGUMENT = -2,      /* null pointer, count, enum or parameter outside its documented range */
-    SB_ERROR_NOT_FINITE = -3,    /* NaN or infinity in an input */
-    SB_ERROR_INDEX = -4,         /* node, element or region index out of range */
-    SB_ERROR_FILE = -5,          /* a file cannot be opened, read or written */
-    SB_ERROR_FORMAT = -6,        /* a file breaks the rules of its format */
-    SB_ERROR_UNSUPPORTED = -7,   /* valid, but outside what this library reads or solves */
-    SB_ERROR_MESH = -8,          /* inverted, flat or degenerate element, repeated node, empty mesh */
-    SB_ERROR_MATERIAL = -9,      /* material parameters outside their range */
-    SB_ERROR_UNCONSTRAINED = -10,/* a static problem whose supports leave a rigid motion free */
-    SB_ERROR_INVERTED = -11,     /* an element turned inside out where the material does not allow it */
-    SB_ERROR_DIVERGED = -12,     /* a solve found no acceptable step, or NaN appeared; the state was restored */
-    SB_ERROR_NOT_CONVERGED = -13,/* an iteration limit was reached before the tolerance */
-    SB_ERROR_INDEFINITE = -14,   /* a matrix that must be positive definite is not */
-    SB_ERROR_STATE = -15,        /* a saved state or a recording of another body, or a replay that went another way */
-    SB_ERROR_CANCELLED = -16     /* a progress callback asked to stop */
+    SB_ERROR_MEMORY = -1,         /* the allocator returned NULL, or a size does not fit size_t */
+    SB_ERROR_ARGUMENT = -2,       /* null pointer, count, enum or parameter outside its documented range */
+    SB_ERROR_NOT_FINITE = -3,     /* NaN or infinity in an input */
+    SB_ERROR_INDEX = -4,          /* node, element or region index out of range */
+    SB_ERROR_FILE = -5,           /* a file cannot be opened, read or written */
+    SB_ERROR_FORMAT = -6,         /* a file breaks the rules of its format */
+    SB_ERROR_UNSUPPORTED = -7,    /* valid, but outside what this library reads or solves */
+    SB_ERROR_MESH = -8,           /* inverted, flat or degenerate element, repeated node, empty mesh */
+    SB_ERROR_MATERIAL = -9,       /* material parameters outside their range */
+    SB_ERROR_UNCONSTRAINED = -10, /* a static problem whose supports leave a rigid motion free */
+    SB_ERROR_INVERTED = -11,      /* an element turned inside out where the material does not allow it */
+    SB_ERROR_DIVERGED = -12,      /* a solve found no acceptable step, or NaN appeared; the state was restored */
+    SB_ERROR_NOT_CONVERGED = -13, /* an iteration limit was reached before the tolerance */
+    SB_ERROR_INDEFINITE = -14,    /* a matrix that must be positive definite is not */
+    SB_ERROR_STATE = -15,         /* a saved state or a recording of another body, or a replay that went another way */
+    SB_ERROR_CANCELLED = -16      /* a progress callback asked to stop */
 } sb_result;
 
 /* Where and why a call failed. Fields that do not apply are -1 (line: 0) or empty. Plain data; zero-initialise
  * or leave uninitialised, a failing call writes every field. */
 typedef struct sb_error {
     sb_result result;
-    int line;            /* line in `file`, from 1; 0 when there is none */
-    int element;         /* element index, or -1 */
-    int node;            /* node index, or -1 */
-    char file[256];      /* path as given, cut at the front when longer */
-    char message[256];   /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
+    int line;          /* line in `file`, from 1; 0 when there is none */
+    int element;       /* element index, or -1 */
+    int node;          /* node index, or -1 */
+    char file[256];    /* path as given, cut at the front when longer */
+    char message[256]; /* one sentence, e.g. "node 12 has a coordinate that is not finite" */
 } sb_error;
 
 /* Name of a result, e.g. "SB_ERROR_MEMORY"; never NULL. Thread-safe, static storage. */
@@ -180,22 +181,23 @@ typedef struct sb_jobs {
 } sb_jobs;
 
 #if defined(SB_USE_OPENMP)
-/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads, ten
- * milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes what its
- * loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or longer, and
- * then tries the threads again. Beside busy processes steps then take about as long as with one thread; results are
- * the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory outside of
- * objects.
+/* Jobs on OpenMP's threads (compile the implementation with -fopenmp). An OpenMP loop waits for each of its threads,
+ * ten milliseconds and more for one that another process keeps off its processor. Each calling thread therefore notes
+ * what its loops lose by that; where they lose more than they gain it works alone, ten times as long as the loss or
+ * longer, and then tries the threads again. Beside busy processes steps then take about as long as with one thread;
+ * results are the same bits in any case. What is noted is a threadprivate record of 32 bytes, the library's only memory
+ * outside of objects.
  *
  * Variables of the environment that matter, read when the program starts:
  *   OMP_NUM_THREADS          threads, at most 64 are used. Default: all processors. Fewer where other work runs beside.
- *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads may
+ *   OMP_PROC_BIND=true       binds threads to processors. Set it where nothing else computes: without it two threads
+ *   may
  *                            share a processor for a whole run, which then takes twice as long. Leave it out where
  *                            other programs compute: bound threads cannot step aside.
  *   OMP_WAIT_POLICY=passive  threads sleep between loops instead of spinning (gcc: GOMP_SPINCOUNT=N turns first, clang:
- *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops slower.
- *                            Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never sleeps:
- *                            only for a machine that does nothing else. */
+ *                            KMP_BLOCKTIME=N milliseconds first). Leaves processors to others, makes short loops
+ *                            slower. Default: a few milliseconds of spinning, then sleep. OMP_WAIT_POLICY=active never
+ *                            sleeps: only for a machine that does nothing else. */
 SB_API sb_jobs sb_jobs_openmp(void);
 #endif
 

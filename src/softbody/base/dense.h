@@ -34,7 +34,10 @@ SB_INLINE sb_real sb_abs(sb_real x) { return fabs(x); }
 SB_INLINE sb_real sb_min(sb_real a, sb_real b) { return a < b ? a : b; }
 SB_INLINE sb_real sb_max(sb_real a, sb_real b) { return a > b ? a : b; }
 /* a b for a, b >= 0, at most SB_REAL_MAX and without the exception that an overflow raises. */
-SB_INLINE sb_real sbi_capped_product(sb_real a, sb_real b) { return a > 1 && b > SB_REAL_MAX / a ? SB_REAL_MAX : a * b; }
+SB_INLINE sb_real sbi_capped_product(sb_real a, sb_real b)
+{
+    return a > 1 && b > SB_REAL_MAX / a ? SB_REAL_MAX : a * b;
+}
 
 /* ---- 3-vectors ---- */
 
@@ -60,10 +63,7 @@ SB_INLINE sb_vec3 sb_v3_cross(sb_vec3 a, sb_vec3 b)
     return sb_v3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
 SB_INLINE sb_real sb_v3_norm(sb_vec3 a) { return sb_sqrt(sb_v3_dot(a, a)); }
-SB_INLINE int sb_v3_is_finite(sb_vec3 a)
-{
-    return sb_is_finite(a.x) && sb_is_finite(a.y) && sb_is_finite(a.z);
-}
+SB_INLINE int sb_v3_is_finite(sb_vec3 a) { return sb_is_finite(a.x) && sb_is_finite(a.y) && sb_is_finite(a.z); }
 
 /* ---- 3x3 matrices ---- */
 
@@ -416,10 +416,7 @@ SB_INLINE sb_real sb_log(sb_real x) { return (sb_real)sbi_dense_log((double)x); 
 /* Cube root, for every finite x; odd; infinity, NaN and the sign of 0 pass through. Exact for exact cubes. */
 SB_INLINE sb_real sb_cbrt(sb_real x) { return (sb_real)sbi_dense_cbrt((double)x); }
 /* x^(-2/3), the isochoric scale J^(-2/3) of a volume ratio x > 0. Infinity for 0; NaN for x < 0 and NaN. */
-SB_INLINE sb_real sb_pow_minus_two_thirds(sb_real x)
-{
-    return (sb_real)sbi_dense_pow_minus_two_thirds((double)x);
-}
+SB_INLINE sb_real sb_pow_minus_two_thirds(sb_real x) { return (sb_real)sbi_dense_pow_minus_two_thirds((double)x); }
 /* Sine and cosine of x [rad]. Above 1e6 rad they are those of an x changed by less than half its own u.l.p.
  * (2 pi is rounded there). NaN for NaN and infinity. */
 SB_INLINE void sb_sin_cos(sb_real x, sb_real *s, sb_real *c)
@@ -556,7 +553,8 @@ SB_INLINE void sbi_dense_scale(sb_real size, sb_real *scale, sb_real *inverse)
  * deg. */
 SB_INLINE sb_real sbi_dense_jacobi_tangent(sb_real a, sb_real b, sb_real d)
 {
-    const sb_real most = SB_REAL_IS_FLOAT ? (sb_real)1.844674e19 : (sb_real)1.3407807929942596e154; /* root of SB_REAL_MAX */
+    const sb_real most =
+        SB_REAL_IS_FLOAT ? (sb_real)1.844674e19 : (sb_real)1.3407807929942596e154; /* root of SB_REAL_MAX */
     sb_real theta = (d - a) / (b + b);
     sb_real t = sb_abs(theta) < most ? (sb_real)1 / (sb_abs(theta) + sb_sqrt(theta * theta + 1)) : 0;
     return theta < 0 ? -t : t;
@@ -665,8 +663,7 @@ SB_INLINE void sbi_dense_orthogonalise(sb_vec3 b[3], sb_vec3 v[3])
         rotated = 0;
         for (int p = 0; p < 2; p++)
             for (int q = p + 1; q < 3; q++) {
-                sb_real alpha = sb_v3_dot(b[p], b[p]), gamma = sb_v3_dot(b[p], b[q]),
-                        beta = sb_v3_dot(b[q], b[q]);
+                sb_real alpha = sb_v3_dot(b[p], b[p]), gamma = sb_v3_dot(b[p], b[q]), beta = sb_v3_dot(b[q], b[q]);
                 sb_vec3 bp = b[p], vp = v[p];
                 sb_real t, c, s;
                 if (!(sb_abs(gamma) > SB_EPSILON * sb_sqrt(alpha) * sb_sqrt(beta)))
@@ -938,8 +935,7 @@ typedef struct sbi_polar_lanes {
 
 /* One step in each moving lane. Lanes never look at each other. Loops of their own, so that no arithmetic can sink
  * into the selection; lanes that take no step turn by 0, since powers of their u may overflow. */
-SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
-                                           sbi_polar_lanes *SB_RESTRICT s)
+SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sbi_polar_lanes *SB_RESTRICT s)
 {
     sb_real turn[3][SB_POLAR_LANES];
     for (int l = 0; l < SB_POLAR_LANES; l++) {
@@ -970,8 +966,7 @@ SBI_FORCE_INLINE void sbi_polar_batch_step(sb_real (*SB_RESTRICT f)[SB_POLAR_LAN
 
 SBI_FORCE_INLINE int sbi_polar_any(const sb_real *flags)
 {
-    sb_real sum =
-        ((flags[0] + flags[1]) + (flags[2] + flags[3])) + ((flags[4] + flags[5]) + (flags[6] + flags[7]));
+    sb_real sum = ((flags[0] + flags[1]) + (flags[2] + flags[3])) + ((flags[4] + flags[5]) + (flags[6] + flags[7]));
     return sum > 0;
 }
 
@@ -1016,8 +1011,7 @@ SB_INLINE void sbi_polar_lane(sb_real (*f)[SB_POLAR_LANES], sb_real (*start)[SB_
  * in, unit quaternions out. r[3 i + j][lane] = R_ij. Fill unused lanes with a copy of a used one (or f = I, q
  * = 1). Each lane's result depends on that lane only, and is what sb_m3_polar gives up to rounding: lanes
  * that are hard, or have not converged after four steps, are handed to it. */
-SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES],
-                              sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
+SB_INLINE void sb_polar_batch(sb_real (*SB_RESTRICT f)[SB_POLAR_LANES], sb_real (*SB_RESTRICT q)[SB_POLAR_LANES],
                               sb_real (*SB_RESTRICT r)[SB_POLAR_LANES])
 {
     sbi_polar_lanes s;
@@ -1178,8 +1172,7 @@ SB_INLINE int sb_lu_factor(sb_real *a, int n, int *pivot)
             return k + 1;
         pivot[k] = row;
         for (int j = 0; j < n && row != k; j++) {
-            sb_real *one = a + (size_t)k * (size_t)n + (size_t)j,
-                    *two = a + (size_t)row * (size_t)n + (size_t)j;
+            sb_real *one = a + (size_t)k * (size_t)n + (size_t)j, *two = a + (size_t)row * (size_t)n + (size_t)j;
             sb_real swap = *one;
             *one = *two;
             *two = swap;
@@ -1224,8 +1217,7 @@ SB_INLINE sb_real sbi_dense_column_norm(const sb_real *a, int count, size_t stri
 }
 
 /* x -= tau v (v.x) with v = (1, a[stride], a[2 stride] ...) and x = x[0], x[step] ...; count entries each. */
-SB_INLINE void sbi_dense_reflect(const sb_real *a, size_t stride, sb_real tau, sb_real *x, size_t step,
-                                 int count)
+SB_INLINE void sbi_dense_reflect(const sb_real *a, size_t stride, sb_real tau, sb_real *x, size_t step, int count)
 {
     sb_real sum = x[0];
     for (int i = 1; i < count; i++)

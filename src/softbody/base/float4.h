@@ -79,9 +79,9 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_scale(float s, sbi_float4 a)
 /* a[0] m.row0 + a[1] m.row1 + a[2] m.row2 = m^T a */
 SBI_FORCE_INLINE sbi_float4 sbi_f4_rows(sbi_float4 a, const float *m)
 {
-    return sbi_f4_add(sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)),
-                                 sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
-                      sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
+    return sbi_f4_add(
+        sbi_f4_add(sbi_f4_scale(SBI_F4(a, 0), sbi_f4_load(m)), sbi_f4_scale(SBI_F4(a, 1), sbi_f4_load(m + 4))),
+        sbi_f4_scale(SBI_F4(a, 2), sbi_f4_load(m + 8)));
 }
 
 SBI_FORCE_INLINE float sbi_f4_sum(sbi_float4 a) { return SBI_F4(a, 0) + SBI_F4(a, 1) + SBI_F4(a, 2); }
@@ -97,7 +97,8 @@ SBI_FORCE_INLINE sbi_float4 sbi_f4_sums(sbi_float4 a, sbi_float4 b, sbi_float4 c
 {
 #if defined(SBI_HAS_SHUFFLE)
     sbi_float4 low = __builtin_shufflevector(a, b, 0, 4, 1, 5), high = __builtin_shufflevector(a, b, 2, 6, 3, 7);
-    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7), second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
+    sbi_float4 first = __builtin_shufflevector(low, c, 0, 1, 4, 7),
+               second = __builtin_shufflevector(low, c, 2, 3, 5, 7);
     return sbi_f4_add(sbi_f4_add(first, second), __builtin_shufflevector(high, c, 0, 1, 6, 7));
 #else
     return sbi_f4_make(sbi_f4_sum(a), sbi_f4_sum(b), sbi_f4_sum(c));

@@ -9,9 +9,9 @@
  * whose weights do not sum to 1 is no point, but works too. */
 typedef struct sb_mapping {
     int row_count;
-    const int *row_start;     /* [row_count + 1] ascending from 0; no row is empty */
-    const int *nodes;         /* [row_start[row_count]] */
-    const sb_real *weights;   /* [row_start[row_count]] */
+    const int *row_start;   /* [row_count + 1] ascending from 0; no row is empty */
+    const int *nodes;       /* [row_start[row_count]] */
+    const sb_real *weights; /* [row_start[row_count]] */
 } sb_mapping;
 
 /* out[row_count] = H^T x: what the rows are of x[nodes]: their points of positions, their displacements of

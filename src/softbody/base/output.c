@@ -23,7 +23,7 @@ typedef enum sbi_output_kind {
 #if defined(__cplusplus)
 extern "C"
 #endif
-__declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
+    __declspec(dllimport) int __stdcall MoveFileExA(const char *from, const char *to, unsigned long flags);
 
 static sbi_output_kind sbi_output_look(const char *path, unsigned *mode)
 {
@@ -192,8 +192,8 @@ static FILE *sbi_output_make_beside(sb_output *out)
 
 /* ---- writing ---- */
 
-/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any other
- * through a file beside it. */
+/* Opens a target that is a device, pipe, folder or open file where it stands, which reports what it cannot be; any
+ * other through a file beside it. */
 static FILE *sbi_output_open_target(sb_output *out, const char **why)
 {
     unsigned mode;

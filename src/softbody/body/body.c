@@ -95,12 +95,32 @@ static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
 enum { SBI_BODY_VECTORS = 26 };
 static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
 {
-    sb_vec3 **list[SBI_BODY_VECTORS] = {
-        &body->reference, &body->position, &body->displacement, &body->velocity, &body->target, &body->dead_load,
-        &body->acceleration, &body->internal, &body->external, &body->follower, &body->equilibrated, &body->residual,
-        &body->rhs, &body->increment, &body->reaction, &body->velocity0, &body->acceleration0, &body->start,
-        &body->saved_velocity, &body->saved_acceleration, &body->saved_reaction, &body->saved_external,
-        &body->saved_internal, &body->converged, &body->work, &body->work2};
+    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
+                                        &body->position,
+                                        &body->displacement,
+                                        &body->velocity,
+                                        &body->target,
+                                        &body->dead_load,
+                                        &body->acceleration,
+                                        &body->internal,
+                                        &body->external,
+                                        &body->follower,
+                                        &body->equilibrated,
+                                        &body->residual,
+                                        &body->rhs,
+                                        &body->increment,
+                                        &body->reaction,
+                                        &body->velocity0,
+                                        &body->acceleration0,
+                                        &body->start,
+                                        &body->saved_velocity,
+                                        &body->saved_acceleration,
+                                        &body->saved_reaction,
+                                        &body->saved_external,
+                                        &body->saved_internal,
+                                        &body->converged,
+                                        &body->work,
+                                        &body->work2};
     memcpy(vectors, list, sizeof list);
 }
 
@@ -122,10 +142,11 @@ static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
 static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
 {
     size_t parts = (size_t)sbi_live_part_room(body);
-    body->part_scale = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity),
-                                                 sizeof(sb_real));
+    body->part_scale =
+        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
     if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks = (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
+        body->mass_blocks =
+            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
     body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
     body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
     body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
@@ -161,9 +182,9 @@ SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
 SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
 {
     body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
-    return body->topology_memory ? SB_OK
-                                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements",
-                                            body->domain.cell_count);
+    return body->topology_memory
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
 }
 
 SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
@@ -207,13 +228,13 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
 static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
 {
     const sb_domain *domain = &body->domain;
-    sb_result result = sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count,
-                                          error);
+    sb_result result =
+        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
     if (result == SB_OK)
         result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
     if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL,
-                                  domain->cells, &body->allocator, &body->matrix, error);
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &body->allocator, &body->matrix, error);
     return result;
 }
 

@@ -14,9 +14,9 @@ typedef struct sb_body sb_body;
 enum { SB_AUTO = -1 };
 
 typedef enum sb_integrator {
-    SB_EULER = 1,  /* implicit Euler: first order, damps; for trainers */
+    SB_EULER = 1,   /* implicit Euler: first order, damps; for trainers */
     SB_NEWMARK = 2, /* average acceleration (beta 1/4, gamma 1/2): second order, keeps the energy of linear bodies; for
-                    * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
+                     * studies. Large motions without damping have no bound on their energy: keep dt small, add some */
     SB_GENERALISED_ALPHA = 3, /* Chung and Hulbert 1993: second order, damps what dt cannot resolve and nothing else;
                                * for large or fast motions. spectral_radius says how much */
     SB_CENTRAL_DIFFERENCE = 4 /* explicit: no linear systems, cheap substeps of at most sb_body_stable_step. Second
@@ -25,67 +25,67 @@ typedef enum sb_integrator {
 
 /* The material of one region of the mesh. */
 typedef struct sb_region_material {
-    int region;           /* value in mesh.regions */
+    int region; /* value in mesh.regions */
     sb_material material;
 } sb_region_material;
 
 /* What a body is made from. Start from sb_default_body_def(), set mesh and material, change what you like. */
 typedef struct sb_body_def {
-    const sb_mesh *mesh;              /* volume mesh (m); read during sb_body_create only, but for the table of
-                                       * custom elements, which the body keeps */
-    const sb_domain *domain;          /* integration points of one's own (an immersed grid's) instead of those of the mesh's
-                                       * elements, or NULL (default). Its cells are the elements of mesh, in their order
-                                       * and with their nodes; several may have the same nodes. Copied; integration and
-                                       * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
-                                       * SB_ERROR_NOT_FINITE name the cell that does not fit */
-    sb_material material;             /* of every region that region_materials does not name */
+    const sb_mesh *mesh;     /* volume mesh (m); read during sb_body_create only, but for the table of
+                              * custom elements, which the body keeps */
+    const sb_domain *domain; /* integration points of one's own (an immersed grid's) instead of those of the mesh's
+                              * elements, or NULL (default). Its cells are the elements of mesh, in their order
+                              * and with their nodes; several may have the same nodes. Copied; integration and
+                              * single_rotation then stay at their defaults. SB_ERROR_ARGUMENT and
+                              * SB_ERROR_NOT_FINITE name the cell that does not fit */
+    sb_material material;    /* of every region that region_materials does not name */
     const sb_region_material *region_materials; /* [region_material_count] or NULL */
     int region_material_count;
-    const sb_vec3 *fibres;            /* [element_count] direction of the fibres at rest, of any length; 0: this element
-                                       * has none. Read during sb_body_create only. A material with fibres needs it;
-                                       * default NULL */
-    sb_integration integration;       /* integration points per element; default SB_INTEGRATION_AUTO.
-                                       * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible; all
-                                       * others do in some measure, see sb_check_report */
-    int single_rotation;              /* 1: tet10 with one rotation per element, of its mean (corotated only); default
-                                       * 0. Cheaper; forces are still the slope of an energy, so that they conserve
-                                       * momentum. Within an element strain is linear, so that it should turn by less
-                                       * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1 %
-                                       * too far with 20 elements along it (0.2 % without), 0.1 % too little with 10, 3 %
-                                       * with 5 (2 % without) */
-    sb_mass_kind mass;                /* default SB_MASS_LUMPED */
-    sb_integrator integrator;         /* of sb_body_step; default SB_EULER */
-    sb_real spectral_radius;          /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
-                                       * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
-                                       * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
-                                       * without bound, 0.5 and less gain none */
-    int max_substeps;                 /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
-    sb_vec3 gravity;                  /* m/s^2; default 0 */
-    sb_real damping_mass;             /* Rayleigh alpha (1/s), >= 0; default 0 */
-    sb_real damping_stiffness;        /* Rayleigh beta (s), >= 0; default 0 */
-    sb_precond_kind preconditioner;   /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
-                                       * sb_body_solver tells what it chose */
+    const sb_vec3 *fibres;          /* [element_count] direction of the fibres at rest, of any length; 0: this element
+                                     * has none. Read during sb_body_create only. A material with fibres needs it;
+                                     * default NULL */
+    sb_integration integration;     /* integration points per element; default SB_INTEGRATION_AUTO.
+                                     * SB_INTEGRATION_BBAR: hex8 that does not lock when nearly incompressible; all
+                                     * others do in some measure, see sb_check_report */
+    int single_rotation;            /* 1: tet10 with one rotation per element, of its mean (corotated only); default
+                                     * 0. Cheaper; forces are still the slope of an energy, so that they conserve
+                                     * momentum. Within an element strain is linear, so that it should turn by less
+                                     * than 0.1 rad from side to side: a cantilever bent to a slope of 1 deflects 0.1
+                                     * % too far with 20 elements along it (0.2 % without), 0.1 % too little with 10,
+                                     * 3 % with 5 (2 % without) */
+    sb_mass_kind mass;              /* default SB_MASS_LUMPED */
+    sb_integrator integrator;       /* of sb_body_step; default SB_EULER */
+    sb_real spectral_radius;        /* SB_GENERALISED_ALPHA: what a step leaves of the highest frequencies, [0, 1];
+                                     * 1 damps nothing, 0 kills them in one step; default 0.5. A soft
+                                     * beam falling about its clamp with large steps: Newmark and 0.8 gain energy
+                                     * without bound, 0.5 and less gain none */
+    int max_substeps;               /* SB_CENTRAL_DIFFERENCE: most substeps of one sb_body_step, >= 1; default 10000 */
+    sb_vec3 gravity;                /* m/s^2; default 0 */
+    sb_real damping_mass;           /* Rayleigh alpha (1/s), >= 0; default 0 */
+    sb_real damping_stiffness;      /* Rayleigh beta (s), >= 0; default 0 */
+    sb_precond_kind preconditioner; /* of conjugate gradients; default SB_PRECOND_AUTO, which looks at the size:
+                                     * sb_body_solver tells what it chose */
     const sb_multigrid_level *levels; /* [level_count] of SB_PRECOND_MULTIGRID, from fine to coarse, copied; default
                                        * NULL: made from the nodes' places and the materials of now (others that are set
                                        * later change the time of a solve, and its last bits) */
     int level_count;
-    sb_real tolerance;                /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
-                                       * choose theirs from newton_tolerance. Each connected part meets it by itself,
-                                       * however light; b has M v / dt, but parts that nothing holds keep their momentum
-                                       * to this share of the forces, however fast they are. Within a part it says
-                                       * nothing of what is soft or light there beside the rest */
-    int max_iterations;               /* of a step's linear solve; bounds a frame's time; default 500 */
-    int max_newton;                   /* Newton iterations per step: 1 is the linearised step of real-time work;
-                                       * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
-    sb_real newton_tolerance;         /* relative residual of a step with several iterations, in each connected part;
-                                       * default 1e-6 */
-    sb_real slack;                    /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
-                                       * is in reserve, so that pointers to arrays by node stay valid while it lasts;
-                                       * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
-    sb_allocator allocator;           /* default malloc */
-    sb_jobs jobs;                     /* default inline */
-    sb_clock clock;                   /* for sb_step_info's times; default NULL */
-    unsigned cookie;                  /* set by sb_default_body_def; a def made without it is refused */
+    sb_real tolerance;        /* of a linearised step's solve, |r| / |b|, in (0, 1); default 1e-3. Iterated steps
+                               * choose theirs from newton_tolerance. Each connected part meets it by itself,
+                               * however light; b has M v / dt, but parts that nothing holds keep their momentum
+                               * to this share of the forces, however fast they are. Within a part it says
+                               * nothing of what is soft or light there beside the rest */
+    int max_iterations;       /* of a step's linear solve; bounds a frame's time; default 500 */
+    int max_newton;           /* Newton iterations per step: 1 is the linearised step of real-time work;
+                               * SB_AUTO (default): 1 for linear and, with Euler, corotated; 20 otherwise */
+    sb_real newton_tolerance; /* relative residual of a step with several iterations, in each connected part;
+                               * default 1e-6 */
+    sb_real slack;            /* > 0: the mesh may change (live_mesh.h), and this share of its nodes and elements
+                               * is in reserve, so that pointers to arrays by node stay valid while it lasts;
+                               * [0, 1000], default 0. SB_ERROR_UNSUPPORTED with def.domain */
+    sb_allocator allocator;   /* default malloc */
+    sb_jobs jobs;             /* default inline */
+    sb_clock clock;           /* for sb_step_info's times; default NULL */
+    unsigned cookie;          /* set by sb_default_body_def; a def made without it is refused */
 } sb_body_def;
 
 SB_API sb_body_def sb_default_body_def(void);
@@ -101,7 +101,8 @@ SB_API void sb_body_destroy(sb_body *body); /* NULL is fine */
 /* ---- sizes ---- */
 SB_API int sb_body_node_count(const sb_body *body);
 SB_API int sb_body_element_count(const sb_body *body);
-SB_API int sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
+SB_API int
+sb_body_point_count(const sb_body *body); /* points per element that sb_body_stress reads; hex8 8, B-bar too */
 SB_API int sb_body_matrix_blocks(const sb_body *body); /* stored 3x3 blocks of the tangent */
 
 /* What solves its linear systems, and how the last set-up went. The kind is never SB_PRECOND_AUTO;
@@ -113,8 +114,7 @@ SB_API sb_preconditioner_info sb_body_solver(const sb_body *body);
  * steps take several iterations, or that has so many Prony terms (SB_ERROR_MEMORY). An element whose material is set
  * forgets what its Prony terms remember: it counts as long relaxed in its present shape. */
 SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material, sb_error *error); /* all regions */
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error);
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material, sb_error *error);
 /* Directions as in the def, copied; NULL takes them all away. SB_ERROR_NOT_FINITE names the element; SB_ERROR_MATERIAL
  * when a material has fibres and fibres is NULL; the first call may allocate (SB_ERROR_MEMORY). What Prony terms
  * remember of the stress along the old directions stays and fades. */
@@ -126,14 +126,15 @@ SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
 SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations);
 
 /* ---- supports ----
- * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then; what
- * they set in space is a position (m), as for springs and needles.
+ * Calls on nodes say what went wrong in an sb_error, their last argument, which may be NULL, and change nothing then;
+ * what they set in space is a position (m), as for springs and needles.
  *
- * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y
- * (2), SB_Z (4), SB_XYZ all three. nodes[count] are node indices; SB_ERROR_INDEX names the first that is out of
- * range, SB_ERROR_NOT_FINITE the first without a place. May allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they
- * were. Nodes of no element are always supported on all axes: they go where they are prescribed (as reference nodes of
- * constraints), releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
+ * A supported degree of freedom follows its target; a step moves it there exactly. A slave axis of a constraint cannot
+ * be supported (SB_ERROR_ARGUMENT). axes is a sum of SB_X (1), SB_Y (2), SB_Z (4), SB_XYZ all three. nodes[count] are
+ * node indices; SB_ERROR_INDEX names the first that is out of range, SB_ERROR_NOT_FINITE the first without a place. May
+ * allocate (to remember the support rows of the tangent): SB_ERROR_MEMORY leaves the supports as they were. Nodes of no
+ * element are always supported on all axes: they go where they are prescribed (as reference nodes of constraints),
+ * releasing them does nothing, loads on them are refused, and their reactions are those of constraints. */
 /* Holds the axes where the nodes are now. */
 SB_API sb_result sb_body_hold(sb_body *body, const int *nodes, int count, int axes, sb_error *error);
 /* Supports the axes; the next step takes them to positions[count] (m, in space). */
@@ -144,8 +145,8 @@ SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int
 /* The same without an error, as earlier versions had them; sb_body_prescribe's targets are displacements from the
  * reference shape: displacements[count] (m), or one for all when uniform is 1. */
 SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, int axes);
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform);
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *displacements,
+                                   int uniform);
 SB_API sb_result sb_body_release_nodes(sb_body *body, const int *nodes, int count, int axes);
 /* Supported axes of every node as bits, [node_count]. */
 SB_API const unsigned char *sb_body_supports(const sb_body *body);
@@ -173,17 +174,17 @@ SB_API const sb_vec3 *sb_body_reactions(const sb_body *body);
 SB_API const sb_vec3 *sb_body_external_forces(const sb_body *body);
 /* SB_ERROR_INVERTED or SB_ERROR_NOT_FINITE (too large for sb_real) leave *energy untouched. */
 typedef struct sb_energy {
-    sb_real elastic;    /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
-                         * back; what the terms hold besides will be dissipated and is not in it */
-    sb_real kinetic;    /* J */
-    sb_real springs;    /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
-                         * have no energy of their own */
+    sb_real elastic; /* J. With Prony terms the energy of the long-term response, which is what slow unloading gives
+                      * back; what the terms hold besides will be dissipated and is not in it */
+    sb_real kinetic; /* J */
+    sb_real springs; /* J, of springs and mappings at their present stiffness and points; dead loads and pressures
+                      * have no energy of their own */
 } sb_energy;
 SB_API sb_result sb_body_energy(sb_body *body, sb_energy *energy);
-/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes move
- * by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always positive
- * definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation at each
- * point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.
+/* y = K x, the stiffness at the present displacements times x: the change of the internal forces (N) when the nodes
+ * move by x (m). x and y: [node_count], not overlapping. K is the derivative of the forces, symmetric but not always
+ * positive definite; Prony terms respond at once. With single_rotation it is that of the same elements with a rotation
+ * at each point. Supports, loads and constraints have no say. The state stays as it is, and nothing is allocated.
  * SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (error->node) and SB_ERROR_INVERTED (error->element) leave y untouched; error
  * may be NULL. */
 SB_API sb_result sb_body_multiply_stiffness(sb_body *body, const sb_vec3 *x, sb_vec3 *y, sb_error *error);
@@ -214,22 +215,23 @@ SB_API void sb_body_nodal_rotations(sb_body *body, sb_quat *rotations);
 /* ---- set-up check ---- */
 /* What looks wrong, as bits of sb_check_report.warnings. */
 enum {
-    SB_CHECK_SIZE = 1,           /* bounding box over 10 m or under 1 mm: units? */
-    SB_CHECK_DENSITY = 2,        /* a density outside 100 .. 10,000 kg/m^3: units? */
-    SB_CHECK_STIFFNESS = 4,      /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
-    SB_CHECK_SLIVERS = 8,        /* elements of quality under 0.1 */
-    SB_CHECK_LOCKING = 16,       /* a material's Poisson's ratio above what the elements bear: they lock, which is to say
-                                  * that they are too stiff by more than the mesh makes them anyway. See below */
-    SB_CHECK_UNREFERENCED = 32,  /* nodes that belong to no element; held in place */
-    SB_CHECK_UNSUPPORTED = 64,   /* a part whose supports leave rigid motions free: no static solve */
-    SB_CHECK_COMPONENTS = 128,   /* more than one connected part */
-    SB_CHECK_DUPLICATES = 256    /* elements with the same corners as another: their mass and stiffness count twice. Not
-                                  * looked for where def.domain was given: its cells may well share their nodes */
+    SB_CHECK_SIZE = 1,          /* bounding box over 10 m or under 1 mm: units? */
+    SB_CHECK_DENSITY = 2,       /* a density outside 100 .. 10,000 kg/m^3: units? */
+    SB_CHECK_STIFFNESS = 4,     /* a Young's modulus outside 10 Pa .. 10 MPa: not soft tissue, units? */
+    SB_CHECK_SLIVERS = 8,       /* elements of quality under 0.1 */
+    SB_CHECK_LOCKING = 16,      /* a material's Poisson's ratio above what the elements bear: they lock, which is to say
+                                 * that they are too stiff by more than the mesh makes them anyway. See below */
+    SB_CHECK_UNREFERENCED = 32, /* nodes that belong to no element; held in place */
+    SB_CHECK_UNSUPPORTED = 64,  /* a part whose supports leave rigid motions free: no static solve */
+    SB_CHECK_COMPONENTS = 128,  /* more than one connected part */
+    SB_CHECK_DUPLICATES = 256   /* elements with the same corners as another: their mass and stiffness count twice. Not
+                                 * looked for where def.domain was given: its cells may well share their nodes */
 };
 /* Locking. Elements other than B-bar hex8 resist changes of volume at more points than a nearly incompressible material
- * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick sphere,
- * 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the limit no
- * element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose beyond.
+ * leaves them motions for. Measured on even and distorted meshes of a thick tube, 5 cells across, and of a thick
+ * sphere, 3 (linear elements 6) cells across, under pressure (tests/verification.md, verification_locking): up to the
+ * limit no element loses more than 2 % of its displacement against Poisson's ratio 0.3, and this is what they lose
+ * beyond.
  *
  *     element         limit   0.45    0.49    0.499   0.4999
  *     tet4            0.35     9 %    27 %     44 %     48 %
@@ -241,17 +243,17 @@ enum {
  * Meshes that are finer, or graded towards where the load is, lose less; what is held on all sides loses more. Custom
  * elements count as hex8 when they have no nodes but corners, otherwise as hex20. */
 typedef struct sb_check_report {
-    unsigned warnings;           /* SB_CHECK_ bits; 0: nothing suspicious */
-    sb_real size;                /* diagonal of the bounding box (m) */
-    sb_real worst_quality;       /* of any element, 1 is regular */
+    unsigned warnings;     /* SB_CHECK_ bits; 0: nothing suspicious */
+    sb_real size;          /* diagonal of the bounding box (m) */
+    sb_real worst_quality; /* of any element, 1 is regular */
     int worst_element;
     int sliver_count;
     int unreferenced_count;
     int component_count;
     int duplicate_count;
-    int locking_count;           /* elements whose material is beyond the limit of their type */
-    int locking_element;         /* the first of them, or -1 */
-    sb_real locking_limit;       /* Poisson's ratio above which elements of this type lock, see above; 0.5: they do not */
+    int locking_count;     /* elements whose material is beyond the limit of their type */
+    int locking_element;   /* the first of them, or -1 */
+    sb_real locking_limit; /* Poisson's ratio above which elements of this type lock, see above; 0.5: they do not */
     int unsupported_component_node; /* a node of the first unsupported part, or -1 */
 } sb_check_report;
 SB_API sb_result sb_body_check(const sb_body *body, sb_check_report *report);

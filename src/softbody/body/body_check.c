@@ -120,7 +120,8 @@ SB_API const char *sb_check_string(unsigned warning)
     case SB_CHECK_DENSITY: return "a density is outside 100 to 10,000 kg/m^3: are the units SI?";
     case SB_CHECK_STIFFNESS: return "a Young's modulus is outside 10 Pa to 10 MPa: are the units SI?";
     case SB_CHECK_SLIVERS: return "some elements are slivers (quality under 0.1): solves will be slow";
-    case SB_CHECK_LOCKING: return "Poisson's ratio is too high for this element, which locks and is too stiff: use B-bar hex8";
+    case SB_CHECK_LOCKING:
+        return "Poisson's ratio is too high for this element, which locks and is too stiff: use B-bar hex8";
     case SB_CHECK_UNREFERENCED: return "some nodes belong to no element and are held in place";
     case SB_CHECK_UNSUPPORTED: return "a part is not fully supported: static solves will refuse it";
     case SB_CHECK_DUPLICATES: return "some elements are there twice: their mass and stiffness count twice";

@@ -27,8 +27,9 @@
  * long as the creation. A change allocates when arrays have to grow, and to find a point that no cell around it
  * holds. Without memory the change is refused (SB_ERROR_MEMORY). After a state was loaded without memory for this, the
  * next sb_embedding_update or sb_embedding_forces tries again and says SB_ERROR_MEMORY in turn.
- * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the body's),
- * SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it as it was. */
+ * It ends with either of the two, or sb_embedding_unfollow. SB_ERROR_ARGUMENT (NULL, or other elements than the
+ * body's), SB_ERROR_STATE (it follows a body already), SB_ERROR_UNSUPPORTED (def.slack was 0), SB_ERROR_MEMORY leave it
+ * as it was. */
 SB_API sb_result sb_embedding_follow(sb_embedding *embedding, sb_body *body, sb_error *error);
 /* It stays as it is, and does not follow any more. SB_ERROR_STATE: it follows no body. SB_ERROR_ARGUMENT: NULL. */
 SB_API sb_result sb_embedding_unfollow(sb_embedding *embedding);

@@ -45,8 +45,8 @@ SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *al
     made.allocator = *allocator;
     made.element_count = 0;
     made.nodes = (sb_vec3 *)sbi_alloc(allocator, (size_t)body->domain.node_count, sizeof(sb_vec3));
-    made.elements = (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count,
-                                     (size_t)body->domain.nodes_per_cell * sizeof(int));
+    made.elements =
+        (int *)sbi_alloc(allocator, (size_t)body->domain.cell_count, (size_t)body->domain.nodes_per_cell * sizeof(int));
     if (!made.nodes || !made.elements) {
         sb_mesh_free(&made);
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a mesh of %d nodes", body->domain.node_count);
@@ -152,8 +152,8 @@ static sb_result sbi_body_current_force(sb_body *b, sb_error *error)
                             "element %d is inside out, which its material does not allow", bad);
 }
 
-/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape before,
- * the preconditioner's memory is told. */
+/* What was learnt on the way is part of the state: the rotations' warm starts follow from the forces at the shape
+ * before, the preconditioner's memory is told. */
 SBI_API void sbi_body_place(sb_body *body, const sb_vec3 *u)
 {
     sbi_precond_memory memory = sbi_precond_get_memory(body->precond);

@@ -1,5 +1,5 @@
-/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor 3,
- * internal. What they do to a body is recorded, and replays to the last bit without them. */
+/* body_guest: what registration, needles and contact may read of a body, and do to it, beyond the public calls. Floor
+ * 3, internal. What they do to a body is recorded, and replays to the last bit without them. */
 #ifndef SB_BODY_GUEST_H
 #define SB_BODY_GUEST_H
 
@@ -12,23 +12,25 @@
 /* ---- readings ---- */
 SBI_API sb_mesh sbi_body_mesh(const sb_body *body);  /* at rest; borrowed, free cells among the others */
 SBI_API sb_mesh sbi_body_shape(const sb_body *body); /* as it is now; borrowed, free cells among the others */
-/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does. Release
- * with sb_mesh_free. SB_ERROR_MEMORY. */
-SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error);
+/* A mesh at rest with the body's nodes and its cells in use; free nodes belong to no cell and lie on one that does.
+ * Release with sb_mesh_free. SB_ERROR_MEMORY. */
+SBI_API sb_result sbi_body_copy_mesh(const sb_body *body, const sb_allocator *allocator, sb_mesh *mesh,
+                                     sb_error *error);
 /* SB_ERROR_STATE unless the body's mesh is what it was when sb_body_mesh_version gave `version`. For those that do not
  * follow a change of the mesh, before they use what they know of it. */
 SBI_API sb_result sbi_body_check_version(const sb_body *body, int version, sb_error *error);
 SBI_API const sb_jobs *sbi_body_jobs(const sb_body *body);
 SBI_API const sb_allocator *sbi_body_allocator(const sb_body *body);
-SBI_API double sbi_body_now(const sb_body *body); /* on its clock (s); 0 without one */
+SBI_API double sbi_body_now(const sb_body *body);      /* on its clock (s); 0 without one */
 SBI_API int sbi_body_is_implicit(const sb_body *body); /* 1: its steps solve systems, and can have guests */
-/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to its
- * slack. SB_ERROR_MEMORY changes nothing. */
+/* Takes beforehand what steps need with a guest of so many unknowns that takes so many nodes, while the mesh keeps to
+ * its slack. SB_ERROR_MEMORY changes nothing. */
 SBI_API sb_result sbi_body_reserve_guest(sb_body *body, int unknowns, int nodes, sb_error *error);
 SBI_API int sbi_body_has_constraints(const sb_body *body);
 SBI_API int sbi_body_load_count(const sb_body *body); /* pressures, springs and mappings */
 SBI_API int sbi_body_max_iterations(const sb_body *body);
-SBI_API const sb_vec3 *sbi_body_targets(const sb_body *body); /* [nodes] where fixed axes are to be: displacements (m) */
+SBI_API const sb_vec3 *
+sbi_body_targets(const sb_body *body);               /* [nodes] where fixed axes are to be: displacements (m) */
 SBI_API sb_real sbi_body_young(const sb_body *body); /* Young's modulus (Pa), mean over the elements */
 /* The components of `value` on the given axes (bits), of `otherwise` on the others. */
 SBI_API sb_vec3 sbi_body_pick_axes(unsigned axes, sb_vec3 value, sb_vec3 otherwise);
@@ -63,22 +65,22 @@ SBI_API sb_result sbi_body_make_factor(const sb_body *body, const sb_allocator *
 SBI_API sb_result sbi_body_factor(sb_body *body, sb_real hold, sb_vec3 *residual, sb_direct *factor, sb_error *error);
 
 /* ---- a load from outside ---- */
-/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force (N)
- * on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l l^T].
- * Called once for each residual, by one thread; what it writes must not depend on threads. */
+/* Rows, each a point of weighted nodes that elements couple already, that an owner fills: at a displacement u the force
+ * (N) on the point, its stiffness k (N/m, >= 0) and line l, of at most unit length: the stiffness is k [(1 - l.l) I + l
+ * l^T]. Called once for each residual, by one thread; what it writes must not depend on threads. */
 typedef struct sbi_potential sbi_potential;
 typedef void (*sbi_potential_fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines);
 /* rows are copied. The body does not have the load until it is lent, but room for it. */
 SBI_API sb_result sbi_potential_create(sb_body *body, const sb_mapping *rows, sbi_potential_fill fill, void *user,
                                        const sb_allocator *allocator, sbi_potential **potential, sb_error *error);
 SBI_API void sbi_potential_destroy(sbi_potential *potential);
-/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads took
- * the room. */
+/* The body has the load, last, until it is returned. Nothing may be added in between. Allocates only where other loads
+ * took the room. */
 SBI_API sb_result sbi_potential_lend(sb_body *body, const sbi_potential *potential, sb_error *error);
 SBI_API void sbi_potential_return(sb_body *body, sbi_potential *potential);
-/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor; the
- * linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between sbi_step_solve
- * solves for sbi_relax_increment. Not for bodies with constraints. */
+/* One linear system towards the equilibrium of present loads, supports and the potential, held like sbi_body_factor;
+ * the linear tolerance is relative. Afterwards, also when it failed, sbi_relax_end must be called; in between
+ * sbi_step_solve solves for sbi_relax_increment. Not for bodies with constraints. */
 SBI_API sb_result sbi_relax_begin(sb_body *body, sbi_potential *potential, sb_real hold, sb_real tolerance,
                                   sb_step_info *info, sbi_step *step);
 SBI_API sb_vec3 *sbi_relax_increment(const sbi_step *step); /* [nodes] (m); may be changed */

@@ -76,10 +76,17 @@ SBI_API void sbi_body_mass_blocks(const sb_body *body, sb_mass_kind kind, sb_rea
 }
 
 /* What a part's lumped masses are to sum to and do. */
-enum { SBI_SUM_MASS = 0, SBI_SUM_LEAST = 1, SBI_SUM_REST = 2, SBI_SUM_FIRST = 3, SBI_SUM_WANTED = 6, SBI_SUM_SECOND = 9 };
+enum {
+    SBI_SUM_MASS = 0,
+    SBI_SUM_LEAST = 1,
+    SBI_SUM_REST = 2,
+    SBI_SUM_FIRST = 3,
+    SBI_SUM_WANTED = 6,
+    SBI_SUM_SECOND = 9
+};
 
-/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may resist
- * more than it weighs, as cells do that an immersed grid's void stiffness holds. */
+/* Adds to work[].x (kg) the least lumped mass that the nodes of a cell with a mass of its own should have: it may
+ * resist more than it weighs, as cells do that an immersed grid's void stiffness holds. */
 static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x, sb_real density)
 {
     const sb_domain *domain = &body->domain;
@@ -96,7 +103,8 @@ static void sbi_body_add_least_mass(sb_body *body, int element, const sb_vec3 *x
             SBI_LEAST_MASS * density * volume * full[a] / all;
 }
 
-/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were any. */
+/* Brings nodes up to their least mass (work[].x) at the cost of the others of their part; returns 1 when there were
+ * any. */
 static int sbi_body_lift_masses(sb_body *body)
 {
     int n = body->domain.node_count, lifted = 0;
@@ -122,7 +130,8 @@ static int sbi_body_lift_masses(sb_body *body)
     return lifted;
 }
 
-/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's corner. */
+/* Sums of a part's lumped masses times 1, x and x x^T, and those of the exact first moment; x from the part's
+ * corner. */
 static void sbi_body_sum_moments(sb_body *body)
 {
     memset(body->support_grams, 0, (size_t)body->component_count * sizeof body->support_grams[0]);
@@ -151,8 +160,8 @@ static void sbi_body_tilt_masses(sb_body *body)
         sb_vec3 size = sb_v3_sub(body->component_high[c], body->component_low[c]), shift, tilt, centre;
         sb_mat3 second;
         for (int k = 0; k < 9 && m > 0; k++)
-            second.m[k / 3][k % 3] = (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] *
-                                                                             sum[SBI_SUM_FIRST + k % 3] / m) / m);
+            second.m[k / 3][k % 3] =
+                (sb_real)((sum[SBI_SUM_SECOND + k] - sum[SBI_SUM_FIRST + k / 3] * sum[SBI_SUM_FIRST + k % 3] / m) / m);
         if (!(m > 0))
             continue;
         centre = sb_v3((sb_real)(sum[SBI_SUM_FIRST] / m), (sb_real)(sum[SBI_SUM_FIRST + 1] / m),
@@ -172,8 +181,8 @@ static void sbi_body_tilt_masses(sb_body *body)
         if (body->node_component[i] >= 0) {
             const double *tilt = body->support_grams[body->node_component[i]];
             sb_vec3 x = sb_v3_sub(body->reference[i], body->component_low[body->node_component[i]]);
-            body->lumped_mass[i] *= (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y +
-                                              tilt[2] * (double)x.z - tilt[3]);
+            body->lumped_mass[i] *=
+                (sb_real)(1 + tilt[0] * (double)x.x + tilt[1] * (double)x.y + tilt[2] * (double)x.z - tilt[3]);
         }
 }
 

@@ -7,10 +7,7 @@
 
 /* ---- regions ---- */
 
-static int sbi_body_region(const sb_mesh *mesh, int element)
-{
-    return mesh->regions ? mesh->regions[element] : 0;
-}
+static int sbi_body_region(const sb_mesh *mesh, int element) { return mesh->regions ? mesh->regions[element] : 0; }
 
 /* Index of a region in the ascending list, or where it would stand (then *found is 0). */
 static int sbi_body_find_region(const int *regions, int count, int region, int *found)
@@ -128,7 +125,8 @@ SB_API sb_result sb_body_set_fibres(sb_body *body, const sb_vec3 *fibres, sb_err
     count = body->domain.cell_count;
     for (int e = 0; fibres && e < count; e++)
         if (!sb_v3_is_finite(fibres[e]))
-            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite", e);
+            return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "the fibre direction of element %d is not finite",
+                                    e);
     copy = body->fibres;
     if (!fibres) {
         for (int i = 0; i < body->material_count; i++) {
@@ -174,9 +172,10 @@ SBI_API sb_result sbi_body_check_material(const sb_material *material, int singl
 
 SBI_API void sbi_body_pack_material(const sb_material *material, sb_real *reals)
 {
-    const sb_real moduli[SBI_MATERIAL_MODULI] = {
-        material->density, material->lambda, material->mu,  material->c10,             material->d1,
-        material->c01,     material->c20,    material->c30, material->fibre_stiffness, material->fibre_exponent};
+    const sb_real moduli[SBI_MATERIAL_MODULI] = {material->density,       material->lambda, material->mu,
+                                                 material->c10,           material->d1,     material->c01,
+                                                 material->c20,           material->c30,    material->fibre_stiffness,
+                                                 material->fibre_exponent};
     memcpy(reals, moduli, sizeof moduli);
     memcpy(reals + SBI_MATERIAL_MODULI, material->prony_g, sizeof material->prony_g);
     memcpy(reals + SBI_MATERIAL_MODULI + SB_MAX_PRONY_TERMS, material->prony_tau, sizeof material->prony_tau);
@@ -240,8 +239,7 @@ SB_API sb_result sb_body_set_material(sb_body *body, const sb_material *material
     return SB_OK;
 }
 
-SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material,
-                                             sb_error *error)
+SB_API sb_result sb_body_set_region_material(sb_body *body, int region, const sb_material *material, sb_error *error)
 {
     sb_result result;
     int at, found;

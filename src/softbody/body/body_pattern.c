@@ -83,8 +83,8 @@ static sb_result sbi_body_make_extended_matrix(const sb_body *body, sbi_body_pat
         start[domain->cell_count + c] = (int)own + pattern->extra_start[c];
     memcpy(nodes, domain->cells, own * sizeof(int));
     memcpy(nodes + own, pattern->extra_nodes, extra * sizeof(int));
-    result = sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix,
-                              error);
+    result =
+        sb_matrix_create(domain->node_count, (int)cells, 0, start, nodes, &body->allocator, &pattern->matrix, error);
     sbi_free(&body->allocator, start);
     if (result == SB_OK)
         result = sbi_live_make_matrix(body, &pattern->matrix, error);
@@ -114,10 +114,9 @@ static sb_result sbi_body_make_block_arrays(const sb_body *body, const unsigned 
             pattern->support_used += row_end[i] - row_start[i];
     pattern->support_capacity = body->support_capacity;
     if (pattern->support_used > body->support_capacity) {
-        pattern->support_capacity = sbi_min_int(most - pattern->support_used, pattern->support_used / 2) +
-                                    pattern->support_used;
-        pattern->support_blocks =
-            sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
+        pattern->support_capacity =
+            sbi_min_int(most - pattern->support_used, pattern->support_used / 2) + pattern->support_used;
+        pattern->support_blocks = sbi_alloc(&body->allocator, (size_t)pattern->support_capacity, 9 * sizeof(sb_real));
     }
     if (body->damping_blocks)
         pattern->damping_blocks = sbi_alloc(&body->allocator, (size_t)most + 1, 9 * sizeof(sb_real));

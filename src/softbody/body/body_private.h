@@ -7,66 +7,70 @@
 #include "body_guest.h"
 #include "elimination.h"
 
-typedef enum sbi_load_kind { SBI_LOAD_PRESSURE = 1, SBI_LOAD_SPRINGS = 2, SBI_LOAD_MAPPING = 3,
-                             SBI_LOAD_POTENTIAL = 4 } sbi_load_kind;
+typedef enum sbi_load_kind {
+    SBI_LOAD_PRESSURE = 1,
+    SBI_LOAD_SPRINGS = 2,
+    SBI_LOAD_MAPPING = 3,
+    SBI_LOAD_POTENTIAL = 4
+} sbi_load_kind;
 
 /* A load that follows the body (see load.h). Springs are a mapping with one node of weight 1 in each row; a pressure's
- * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines (see
- * body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced twins,
- * balanced, force, net. */
+ * rows are the nodes of its faces. A potential has rows without targets, whose owner fills force, stiffness and lines
+ * (see body_guest.h); it is in the list only while a solve has it. State: stiffness, target, pressure, their balanced
+ * twins, balanced, force, net. */
 typedef struct sbi_load {
     sbi_load_kind kind;
     int id;
-    void *memory;             /* the one block behind the arrays */
-    int row_count;            /* springs, rows, or faces */
-    int *row_start;           /* [row_count + 1] */
-    int *nodes;               /* [row_start[row_count]] */
-    int *blocks;              /* for each row, the matrix block of each pair of its nodes */
-    int pattern_version;      /* of the pattern that blocks are positions in; -1: of none yet */
-    int balanced;             /* 1: a static solve has ended with the balanced values */
+    void *memory;        /* the one block behind the arrays */
+    int row_count;       /* springs, rows, or faces */
+    int *row_start;      /* [row_count + 1] */
+    int *nodes;          /* [row_start[row_count]] */
+    int *blocks;         /* for each row, the matrix block of each pair of its nodes */
+    int pattern_version; /* of the pattern that blocks are positions in; -1: of none yet */
+    int balanced;        /* 1: a static solve has ended with the balanced values */
 
-    sb_element_type *face_types; /* [row_count] of a pressure */
+    sb_element_type *face_types;         /* [row_count] of a pressure */
     sb_real pressure, balanced_pressure; /* Pa */
 
-    sb_real *weights;         /* [row_start[row_count]]; rows only, as all below */
+    sb_real *weights;                        /* [row_start[row_count]]; rows only, as all below */
     sb_real *stiffness, *balanced_stiffness; /* [row_count] (N/m) */
     sb_vec3 *target, *balanced_target; /* [row_count] (m) displacement H^T u that the row is drawn to: kept like this,
-                               * and not as a position, the force has the displacement's precision */
-    sb_vec3 *force;           /* [row_count] (N) on the body, in the last solve */
-    sb_vec3 *lines;           /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
-                               * line l, of at most unit length, it is that much softer. Of a mapping in line_memory, and
-                               * NULL again where a registration's call ends */
-    void *line_memory;        /* of a mapping that has had lines; or NULL */
+                                        * and not as a position, the force has the displacement's precision */
+    sb_vec3 *force;                    /* [row_count] (N) on the body, in the last solve */
+    sb_vec3 *lines;    /* [row_count] or NULL: none. A row's stiffness is then k [(1 - l.l) I + l l^T]: across the
+                        * line l, of at most unit length, it is that much softer. Of a mapping in line_memory,
+                        * and NULL again where a registration's call ends */
+    void *line_memory; /* of a mapping that has had lines; or NULL */
     void (*fill)(void *user, const sb_vec3 *u, sb_vec3 *force, sb_real *stiffness, sb_vec3 *lines); /* of a potential */
     void *fill_user;
-    double net[6];            /* force (N) and torque about the origin (N m) in the last solve */
+    double net[6]; /* force (N) and torque about the origin (N m) in the last solve */
 } sbi_load;
 
 /* What an explicit body knows of its stability; part of the state, zeros: nothing yet. */
 typedef struct sbi_step_guard {
-    sb_real stable_step;         /* at the last look (s) */
-    int age;                     /* substeps since */
-    int ledger_open;             /* 1: energy means something */
-    int caution, calm;           /* plan of substeps, and calls that went well with it */
-    double energy;               /* what the body has left of what it was given (J): more cannot be in its motion */
+    sb_real stable_step; /* at the last look (s) */
+    int age;             /* substeps since */
+    int ledger_open;     /* 1: energy means something */
+    int caution, calm;   /* plan of substeps, and calls that went well with it */
+    double energy;       /* what the body has left of what it was given (J): more cannot be in its motion */
 } sbi_step_guard;
 
 /* A call that changed a body, as its observer hears of it. A new mutator gets a code here, tells its body, and gets a
  * row in the replay table of record.c. Codes stand in files: never change one. */
 typedef enum sbi_command_code {
-    SBI_COMMAND_DESTROY = 0,       /* the body is about to go */
-    SBI_COMMAND_MATERIAL = 1,      /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
-    SBI_COMMAND_GRAVITY = 2,       /* reals: 3 */
-    SBI_COMMAND_DAMPING = 3,       /* reals: alpha, beta */
-    SBI_COMMAND_SOLVER = 4,        /* a: max_iterations; reals: tolerance */
-    SBI_COMMAND_FIX = 5,           /* a: axes; ints: nodes */
-    SBI_COMMAND_PRESCRIBE = 6,     /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
-    SBI_COMMAND_RELEASE = 7,       /* a: axes; ints: nodes */
-    SBI_COMMAND_FORCES = 8,        /* b: uniform; ints: nodes; reals: forces */
-    SBI_COMMAND_TRACTION = 9,      /* a: corners; ints: faces; reals: 3 */
+    SBI_COMMAND_DESTROY = 0,   /* the body is about to go */
+    SBI_COMMAND_MATERIAL = 1,  /* a: 1 for all regions; ints: region, model, Prony terms; reals: packed material */
+    SBI_COMMAND_GRAVITY = 2,   /* reals: 3 */
+    SBI_COMMAND_DAMPING = 3,   /* reals: alpha, beta */
+    SBI_COMMAND_SOLVER = 4,    /* a: max_iterations; reals: tolerance */
+    SBI_COMMAND_FIX = 5,       /* a: axes; ints: nodes */
+    SBI_COMMAND_PRESCRIBE = 6, /* a: axes, b: sum of SBI_PRESCRIBE_...; ints: nodes; reals: targets */
+    SBI_COMMAND_RELEASE = 7,   /* a: axes; ints: nodes */
+    SBI_COMMAND_FORCES = 8,    /* b: uniform; ints: nodes; reals: forces */
+    SBI_COMMAND_TRACTION = 9,  /* a: corners; ints: faces; reals: 3 */
     SBI_COMMAND_CLEAR_LOADS = 10,
-    SBI_COMMAND_DISPLACEMENTS = 11,/* reals: one vector per node */
-    SBI_COMMAND_VELOCITIES = 12,   /* reals: one vector per node */
+    SBI_COMMAND_DISPLACEMENTS = 11, /* reals: one vector per node */
+    SBI_COMMAND_VELOCITIES = 12,    /* reals: one vector per node */
     SBI_COMMAND_RESET = 13,
     SBI_COMMAND_STATE = 14,        /* bytes: what sb_body_state_load took */
     SBI_COMMAND_STEP = 15,         /* a: result; reals: dt */
@@ -76,20 +80,20 @@ typedef enum sbi_command_code {
     SBI_COMMAND_ADD_PRESSURE = 18, /* a: corners; ints: faces; reals: pressure */
     SBI_COMMAND_PRESSURE = 19,     /* a: load; reals: pressure */
     SBI_COMMAND_ADD_SPRINGS = 20,  /* b: uniform; ints: nodes; reals: points, stiffness */
-    SBI_COMMAND_ADD_MAPPING = 21,  /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
-    SBI_COMMAND_POINTS = 22,       /* a: load, b: its kind; reals: points */
-    SBI_COMMAND_STIFFNESS = 23,    /* a: load, b: uniform; ints: its kind; reals: stiffness */
-    SBI_COMMAND_REMOVE_LOAD = 24,  /* a: load */
+    SBI_COMMAND_ADD_MAPPING = 21, /* a: rows, b: uniform; ints: row starts, nodes; reals: targets, stiffness, weights */
+    SBI_COMMAND_POINTS = 22,      /* a: load, b: its kind; reals: points */
+    SBI_COMMAND_STIFFNESS = 23,   /* a: load, b: uniform; ints: its kind; reals: stiffness */
+    SBI_COMMAND_REMOVE_LOAD = 24, /* a: load */
     SBI_COMMAND_ADD_CONSTRAINTS = 25,    /* a: count; ints: starts (from any number), unknowns; reals: values,
                                           * coefficients */
     SBI_COMMAND_CONSTRAINT_VALUE = 26,   /* a: constraint; reals: value */
     SBI_COMMAND_REMOVE_CONSTRAINTS = 27, /* a: first, b: count */
     SBI_COMMAND_CLEAR_CONSTRAINTS = 28,
-    SBI_COMMAND_CHANGE = 29,             /* ints and reals: the calls of a change of the mesh, see live_change.c */
-    SBI_COMMAND_PLACE = 32,        /* ints: the preconditioner's memory; reals: one displacement per node */
-    SBI_COMMAND_LINES = 33,        /* a: load; reals: one line per row, or none to take them away */
-    SBI_COMMAND_PART = 34,         /* ints: name of a part of the state, and its own; reals: its own */
-    SBI_COMMAND_PART_STEP = 35,    /* a: result; the same of a step */
+    SBI_COMMAND_CHANGE = 29,    /* ints and reals: the calls of a change of the mesh, see live_change.c */
+    SBI_COMMAND_PLACE = 32,     /* ints: the preconditioner's memory; reals: one displacement per node */
+    SBI_COMMAND_LINES = 33,     /* a: load; reals: one line per row, or none to take them away */
+    SBI_COMMAND_PART = 34,      /* ints: name of a part of the state, and its own; reals: its own */
+    SBI_COMMAND_PART_STEP = 35, /* a: result; the same of a step */
     SBI_COMMAND_COUNT
 } sbi_command_code;
 
@@ -122,32 +126,32 @@ struct sb_body {
 
     /* what it is made of */
     sb_domain domain;
-    int own_points;              /* 1: the domain came with the def, not from the elements */
+    int own_points; /* 1: the domain came with the def, not from the elements */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sb_pcg_workspace pcg;
     sbi_assembly assembly;
-    int node_capacity;           /* node slots that the arrays by node have room for */
-    void *memory;                /* the one block behind the arrays by node */
-    void *topology_memory;       /* the one behind those by part and by block of the matrix, and those in assembly */
-    struct sbi_live *live;       /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
-    int material_count;          /* one per region of the mesh */
-    int *material_regions;       /* [material_count] ascending region numbers */
-    sb_material *materials;      /* [material_count] */
-    int *cell_material;          /* [cell_count] */
-    sb_vec3 *fibres;             /* [cell_count] unit directions or 0; NULL: none were given */
-    sb_real force_unit;          /* stiffness times volume over size (N): times epsilon, rounding in the forces */
-    int component_count;         /* connected parts */
+    int node_capacity;      /* node slots that the arrays by node have room for */
+    void *memory;           /* the one block behind the arrays by node */
+    void *topology_memory;  /* the one behind those by part and by block of the matrix, and those in assembly */
+    struct sbi_live *live;  /* slots, shares and listeners of a mesh that may change; NULL: def.slack was 0 */
+    int material_count;     /* one per region of the mesh */
+    int *material_regions;  /* [material_count] ascending region numbers */
+    sb_material *materials; /* [material_count] */
+    int *cell_material;     /* [cell_count] */
+    sb_vec3 *fibres;        /* [cell_count] unit directions or 0; NULL: none were given */
+    sb_real force_unit;     /* stiffness times volume over size (N): times epsilon, rounding in the forces */
+    int component_count;    /* connected parts */
     sb_index_table element_component;
     sb_index_lists node_elements;
-    int *node_component;         /* [node_count], -1: no element */
+    int *node_component; /* [node_count], -1: no element */
 
     /* couplings beyond the elements: each row's nodes have blocks with each other in the matrix */
     int extra_count;
-    int *extra_start;            /* [extra_count + 1] */
-    int *extra_nodes;            /* [extra_start[extra_count]] */
-    void *pattern_memory;        /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
-    int pattern_version;         /* rises when the pattern changes: block positions kept elsewhere are stale then */
+    int *extra_start;     /* [extra_count + 1] */
+    int *extra_nodes;     /* [extra_start[extra_count]] */
+    void *pattern_memory; /* behind mass_blocks and the assembly's pair_start once the pattern has grown */
+    int pattern_version;  /* rises when the pattern changes: block positions kept elsewhere are stale then */
 
     /* settings */
     sb_mass_kind mass_kind;
@@ -160,52 +164,52 @@ struct sb_body {
     int max_substeps;
 
     /* mass */
-    sb_real *lumped_mass;        /* [node_count] (kg) */
-    sb_real *part_scale;         /* [parts of the matrix] largest force (N) of each, to compare its residual with */
-    sb_real *mass_blocks;        /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
-    sb_real *load_mass;          /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
+    sb_real *lumped_mass; /* [node_count] (kg) */
+    sb_real *part_scale;  /* [parts of the matrix] largest force (N) of each, to compare its residual with */
+    sb_real *mass_blocks; /* [block_count] (kg) scalar mass of each matrix block, or NULL: lumped */
+    sb_real *load_mass;   /* [node_count] (kg) int rho N dV: what gravity pulls at in a static solve */
 
     /* supports and loads */
-    unsigned char *fixed;        /* [node_count] axes as bits; unreferenced nodes always all */
-    sb_vec3 *target;             /* [node_count] target displacement of fixed axes (m) */
-    sb_vec3 *dead_load;          /* [node_count] forces and tractions (N) */
-    sbi_load *loads;             /* [load_count] by ascending id */
+    unsigned char *fixed; /* [node_count] axes as bits; unreferenced nodes always all */
+    sb_vec3 *target;      /* [node_count] target displacement of fixed axes (m) */
+    sb_vec3 *dead_load;   /* [node_count] forces and tractions (N) */
+    sbi_load *loads;      /* [load_count] by ascending id */
     int load_count, load_capacity, last_load_id;
-    int tie_count, tie_capacity; /* parts that rows of mappings tie to each other */
-    int *tie_of;                 /* [component_count] number among the tied parts, or -1 */
-    double *tie_gram;            /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
-    int support_used;            /* blocks in the rows of nodes with fixed axes */
-    int support_capacity;        /* blocks that support_blocks holds */
-    sb_real (*support_blocks)[9];/* tangent rows of nodes with fixed axes, kept before they are masked */
-    sb_real (*damping_blocks)[9];/* stiffness at the start of a step of several iterations, for D; or NULL */
-    double (*support_grams)[36]; /* [component_count] what the supports do to rigid motions */
+    int tie_count, tie_capacity;  /* parts that rows of mappings tie to each other */
+    int *tie_of;                  /* [component_count] number among the tied parts, or -1 */
+    double *tie_gram;             /* [6 tie_capacity][6 tie_capacity] scratch, like support_grams for all of them */
+    int support_used;             /* blocks in the rows of nodes with fixed axes */
+    int support_capacity;         /* blocks that support_blocks holds */
+    sb_real (*support_blocks)[9]; /* tangent rows of nodes with fixed axes, kept before they are masked */
+    sb_real (*damping_blocks)[9]; /* stiffness at the start of a step of several iterations, for D; or NULL */
+    double (*support_grams)[36];  /* [component_count] what the supports do to rigid motions */
     sb_vec3 *component_low, *component_high; /* [component_count] bounding boxes (m) */
-    int (*component_faces)[6];   /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
+    int (*component_faces)[6]; /* [component_count] nodes in each side of the boxes: low x, y, z, high x, y, z */
 
     /* constraints */
     sbi_elimination *elimination; /* the system they condense, or NULL: none */
-    int next_constraint;         /* number of the next one */
+    int next_constraint;          /* number of the next one */
 
     /* state */
-    sb_vec3 *reference;          /* [node_count] (m) */
+    sb_vec3 *reference; /* [node_count] (m) */
     sb_vec3 *position, *displacement, *velocity, *acceleration;
-    int acceleration_known;      /* 0: the next Newmark step solves M a = f first */
-    int force_current;           /* 1: internal holds the force at displacement */
+    int acceleration_known; /* 0: the next Newmark step solves M a = f first */
+    int force_current;      /* 1: internal holds the force at displacement */
     sbi_step_guard guard;
 
     /* vectors of a solve, [node_count] each */
-    sb_vec3 *internal;           /* internal force (N) */
-    sb_vec3 *external;           /* loads of the last solve (N) */
-    sb_vec3 *follower;           /* forces of `loads` at the displacement of the last residual (N) */
-    sb_vec3 *equilibrated;       /* dead loads that the last static solve ended with (N) */
-    sb_vec3 *residual;           /* M a + D v + internal - external */
+    sb_vec3 *internal;     /* internal force (N) */
+    sb_vec3 *external;     /* loads of the last solve (N) */
+    sb_vec3 *follower;     /* forces of `loads` at the displacement of the last residual (N) */
+    sb_vec3 *equilibrated; /* dead loads that the last static solve ended with (N) */
+    sb_vec3 *residual;     /* M a + D v + internal - external */
     sb_vec3 *rhs, *increment, *reaction;
     sb_vec3 *velocity0, *acceleration0; /* v = cv (u - start) + velocity0, a likewise */
-    sb_vec3 *start;              /* displacement at the start of the step */
+    sb_vec3 *start;                     /* displacement at the start of the step */
     sb_vec3 *saved_velocity, *saved_acceleration, *saved_reaction, *saved_external, *saved_internal;
     int saved_force_current, saved_unknots;
     sbi_precond_memory saved_precond;
-    sb_vec3 *converged;          /* displacement at the last converged load increment */
+    sb_vec3 *converged; /* displacement at the last converged load increment */
     sb_vec3 *work, *work2;
 };
 
@@ -213,18 +217,18 @@ struct sb_body {
  * of its own makes them from `matrix` between sbi_body_make_pattern and sbi_body_take_pattern, so that it can still
  * give up. */
 typedef struct sbi_body_pattern {
-    int needed;                  /* 0: every row fits the present pattern, and nothing was made */
+    int needed; /* 0: every row fits the present pattern, and nothing was made */
     sb_matrix matrix;
     sb_preconditioner *precond;
     sbi_elimination *elimination; /* NULL: the body has no constraints */
     int extra_count;
     int *extra_start, *extra_nodes;
     void *memory;
-    sb_real *mass_blocks;        /* NULL: lumped */
-    int *pair_start;             /* NULL: not a batched body */
+    sb_real *mass_blocks; /* NULL: lumped */
+    int *pair_start;      /* NULL: not a batched body */
     int support_used, support_capacity;
-    void *support_blocks;        /* NULL: the present ones are large enough */
-    void *damping_blocks;        /* NULL: the body has none */
+    void *support_blocks; /* NULL: the present ones are large enough */
+    void *damping_blocks; /* NULL: the body has none */
 } sbi_body_pattern;
 
 /* Makes the pattern in which the nodes of each of the rows cells[cell_start[c]] .. cells[cell_start[c + 1]] - 1 are
@@ -280,8 +284,8 @@ SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the o
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
-/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not right
- * any more, and boxes are to be made again; */
+/* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not
+ * right any more, and boxes are to be made again; */
 SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x);
 SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x);
 SBI_API int sbi_body_box_is_right(const sb_body *body, int component);
@@ -349,9 +353,9 @@ SBI_API sb_vec3 sbi_body_row_value(const sbi_load *load, int row, const sb_vec3 
 /* Sums of displacement components that something holds: rows of mappings, equations of constraints. */
 typedef struct sbi_body_rows {
     int count;
-    const int *start;       /* [count + 1] */
-    const int *nodes;       /* nodes of the terms, each along every axis; or NULL: */
-    const int *dofs;        /* 3 node + axis of the terms */
+    const int *start; /* [count + 1] */
+    const int *nodes; /* nodes of the terms, each along every axis; or NULL: */
+    const int *dofs;  /* 3 node + axis of the terms */
     const sb_real *weights;
 } sbi_body_rows;
 /* Room to tell whether parts that these rows tie to each other are supported: to be had before such rows are put in
@@ -367,9 +371,6 @@ SB_INLINE unsigned sbi_body_held(const sb_body *body, int i)
     return body->elimination ? (unsigned)(body->fixed[i] | body->elimination->slave[i]) : body->fixed[i];
 }
 /* Points of an element that others may see: its mean point is ours. */
-SB_INLINE int sbi_body_points(const sb_body *body)
-{
-    return body->domain.points_per_cell - body->domain.mean_point;
-}
+SB_INLINE int sbi_body_points(const sb_body *body) { return body->domain.points_per_cell - body->domain.mean_point; }
 
 #endif /* SB_BODY_PRIVATE_H */

@@ -355,7 +355,8 @@ static void sbi_body_sum_gradients(const sb_body *body, sb_vec3 *rows[3])
             size_t point = (size_t)e * (size_t)domain->points_per_cell + (size_t)p;
             const sb_real *g = domain->gradients + 3 * (size_t)width * point;
             for (int a = 0; a < width; a++, g += 3) {
-                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]), slope = sb_v3(g[0], g[1], g[2]);
+                sb_vec3 x = sb_v3_scale(domain->weights[point], body->position[nodes[a]]),
+                        slope = sb_v3(g[0], g[1], g[2]);
                 f[0] = sb_v3_madd(f[0], x.x, slope);
                 f[1] = sb_v3_madd(f[1], x.y, slope);
                 f[2] = sb_v3_madd(f[2], x.z, slope);

@@ -57,7 +57,7 @@ static int sbi_body_find_face(const sb_body *body, const int *corners, int count
 }
 
 SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f, int corners, sbi_body_face *found,
-                                   sb_error *error)
+                                    sb_error *error)
 {
     const int *face = faces + (size_t)f * (size_t)corners;
     found->count = 0;
@@ -76,8 +76,10 @@ SBI_API sb_result sbi_body_get_face(const sb_body *body, const int *faces, int f
 SBI_API sb_result sbi_body_check_nodes(const sb_body *body, const int *nodes, int count, sb_error *error)
 {
     if (!body || count < 0 || (count > 0 && !nodes))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s", !body ? "body is NULL" : count < 0 ? "count is negative"
-                                                                                         : "nodes is NULL");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "%s",
+                        !body       ? "body is NULL"
+                        : count < 0 ? "count is negative"
+                                    : "nodes is NULL");
     for (int i = 0; i < count; i++)
         if (nodes[i] < 0 || nodes[i] >= body->domain.node_count)
             return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d is outside the mesh of %d nodes", nodes[i],
@@ -92,8 +94,8 @@ SBI_API sb_result sbi_body_check_vectors(const sb_vec3 *vectors, const int *node
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%s is NULL", what);
     for (int i = 0; i < (uniform ? sbi_min_int(count, 1) : count); i++)
         if (!sb_v3_is_finite(vectors[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i, what,
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, nodes[i], "entry %d of %s, of node %d, is not finite", i,
+                                 what, nodes[i]);
     return SB_OK;
 }
 
@@ -160,18 +162,20 @@ static sb_vec3 sbi_body_support_target(const sb_body *body, const sbi_support_ta
     return targets->positions ? sb_v3_sub(target, body->reference[node]) : target;
 }
 
-static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets)
+static void sbi_body_tell_supports(sb_body *body, const int *nodes, int count, int axes,
+                                   const sbi_support_targets *targets)
 {
     if (!targets->vectors)
         sbi_body_tell(body, SBI_COMMAND_FIX, axes, 0, nodes, (size_t)count, NULL, 0);
     else if (count > 0)
         sbi_body_tell(body, SBI_COMMAND_PRESCRIBE, axes,
-                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) | (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
+                      (targets->uniform ? SBI_PRESCRIBE_UNIFORM : 0) |
+                          (targets->positions ? SBI_PRESCRIBE_POSITIONS : 0),
                       nodes, (size_t)count, &targets->vectors[0].x, targets->uniform ? 3 : 3 * (size_t)count);
 }
 
-static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes, const sbi_support_targets *targets,
-                                  sb_error *error)
+static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, int axes,
+                                  const sbi_support_targets *targets, sb_error *error)
 {
     sb_result result = sbi_body_check_nodes(body, nodes, count, error);
     if (result == SB_OK)
@@ -180,8 +184,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         return result;
     for (int i = 0; i < count && body->elimination; i++)
         if (body->elimination->slave[nodes[i]] & axes)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i], "node %d is the slave of a constraint on these axes",
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, nodes[i],
+                                 "node %d is the slave of a constraint on these axes", nodes[i]);
     if (sbi_body_reserve_supports(body, nodes, count) != SB_OK)
         return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for %d supports", count);
     for (int i = 0; i < count; i++) {
@@ -189,8 +193,8 @@ static sb_result sbi_body_support(sb_body *body, const int *nodes, int count, in
         if (!body->fixed[node])
             body->support_used += sbi_body_row_length(body, node);
         body->fixed[node] |= (unsigned char)axes;
-        body->target[node] = sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i),
-                                                body->target[node]);
+        body->target[node] =
+            sbi_body_pick_axes((unsigned)axes, sbi_body_support_target(body, targets, node, i), body->target[node]);
     }
     if (body->elimination) /* masses of slaves go to other nodes now */
         body->guard.stable_step = 0;
@@ -236,8 +240,7 @@ SB_API sb_result sb_body_release(sb_body *body, const int *nodes, int count, int
             body->fixed[nodes[i]] &= (unsigned char)~axes;
             if (held && !body->fixed[nodes[i]])
                 body->support_used -= sbi_body_row_length(body, nodes[i]);
-            body->reaction[nodes[i]] =
-                sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
+            body->reaction[nodes[i]] = sbi_body_pick_axes((unsigned)axes, sb_v3(0, 0, 0), body->reaction[nodes[i]]);
         }
     sbi_body_tell(body, SBI_COMMAND_RELEASE, axes, 0, nodes, (size_t)count, NULL, 0);
     return SB_OK;
@@ -248,8 +251,8 @@ SB_API sb_result sb_body_fix_nodes(sb_body *body, const int *nodes, int count, i
     return sb_body_hold(body, nodes, count, axes, NULL);
 }
 
-SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes,
-                                   const sb_vec3 *displacements, int uniform)
+SB_API sb_result sb_body_prescribe(sb_body *body, const int *nodes, int count, int axes, const sb_vec3 *displacements,
+                                   int uniform)
 {
     sbi_support_targets targets = {displacements, uniform, 0};
     return sbi_body_send(body, nodes, count, axes, &targets, NULL);
@@ -516,7 +519,8 @@ SBI_API int sbi_body_unsupported_node(const sb_body *body)
     }
     for (int c = 0; c < body->component_count; c++) {
         double trace;
-        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
+        if (body->tie_of[c] >= 0 ? body->tie_of[c] != loose
+                                 : sbi_body_free_motion(body->support_grams[c], 1, &trace) < 0)
             continue;
         for (int i = 0; i < body->domain.node_count; i++)
             if (body->node_component[i] == c)

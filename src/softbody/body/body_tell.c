@@ -4,10 +4,7 @@
 #include "body_private.h"
 #include "state_part.h"
 
-SBI_API int sbi_body_is_heard(const sb_body *body)
-{
-    return body->observe && !(body->parts && body->parts->muted > 0);
-}
+SBI_API int sbi_body_is_heard(const sb_body *body) { return body->observe && !(body->parts && body->parts->muted > 0); }
 
 SBI_API void sbi_body_tell(sb_body *body, sbi_command_code code, int a, int b, const int *ints, size_t int_count,
                            const sb_real *reals, size_t real_count)

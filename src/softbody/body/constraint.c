@@ -280,14 +280,14 @@ typedef struct sbi_tie_face {
     sb_element_type type;
     int count;
     int nodes[SB_MAX_FACE_NODES];
-    sb_vec3 centre;       /* mean of the nodes (m) */
-    sb_real radius;       /* largest distance of a node from it (m) */
+    sb_vec3 centre; /* mean of the nodes (m) */
+    sb_real radius; /* largest distance of a node from it (m) */
 } sbi_tie_face;
 
 /* Where a slave node meets the faces. */
 typedef struct sbi_tie_point {
-    int face;             /* -1: none yet */
-    sb_real distance;     /* m */
+    int face;         /* -1: none yet */
+    sb_real distance; /* m */
     sb_real xi[3];
 } sbi_tie_point;
 
@@ -431,16 +431,16 @@ static sb_real sbi_tie_project(const sb_body *b, const sbi_tie_face *face, sb_ve
 
 typedef struct sbi_tie {
     sb_body *body;
-    sbi_tie_face *faces;     /* [face_count] */
+    sbi_tie_face *faces; /* [face_count] */
     int face_count;
     const int *slaves;
     int slave_count;
     sb_real max_distance;
     int options;
-    unsigned char *marks;    /* [node_count] 1: on a face, 2: a slave */
+    unsigned char *marks; /* [node_count] 1: on a face, 2: a slave */
     sb_constraint_term *terms;
-    int *term_counts;        /* [3 slave_count] */
-    sb_real *values;         /* [3 slave_count] */
+    int *term_counts; /* [3 slave_count] */
+    sb_real *values;  /* [3 slave_count] */
     size_t term_count;
     sb_tie_report report;
 } sbi_tie;
@@ -597,8 +597,8 @@ static void sbi_tie_layout(sbi_tie *tie, sbi_arena *arena)
     size_t slaves = (size_t)tie->slave_count, faces = (size_t)tie->face_count;
     tie->faces = (sbi_tie_face *)sbi_arena_take(arena, faces, sizeof(sbi_tie_face));
     tie->marks = (unsigned char *)sbi_arena_take(arena, (size_t)tie->body->domain.node_count, 1);
-    tie->terms = (sb_constraint_term *)sbi_arena_take(arena, slaves,
-                                                      3 * (1 + SB_MAX_FACE_NODES) * sizeof(sb_constraint_term));
+    tie->terms =
+        (sb_constraint_term *)sbi_arena_take(arena, slaves, 3 * (1 + SB_MAX_FACE_NODES) * sizeof(sb_constraint_term));
     tie->term_counts = (int *)sbi_arena_take(arena, slaves, 3 * sizeof(int));
     tie->values = (sb_real *)sbi_arena_take(arena, slaves, 3 * sizeof(sb_real));
 }
@@ -616,9 +616,9 @@ static sb_result sbi_tie_run(sbi_tie *tie, const int *faces, int corners, sb_err
     return result;
 }
 
-SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
-                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
-                                   sb_tie_report *report, sb_error *error)
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners, const int *slave_nodes,
+                                   int slave_count, sb_real max_distance, int options, sb_tie_report *report,
+                                   sb_error *error)
 {
     sbi_tie tie;
     sbi_arena arena = {NULL, 0, 0};
@@ -714,8 +714,8 @@ SBI_API void sbi_constraint_gap_rates(sb_body *body, sb_real dt)
     sbi_elimination *e = body->elimination;
     const sbi_equations *q = &e->equations;
     for (int c = 0; c < q->count; c++) {
-        sb_real before = sbi_elimination_get(body->velocity, q->dof[q->start[c]]) -
-                         sbi_constraint_follow_rate(q, c, body->velocity);
+        sb_real before =
+            sbi_elimination_get(body->velocity, q->dof[q->start[c]]) - sbi_constraint_follow_rate(q, c, body->velocity);
         e->gap[c] = (e->start_gap[c] / dt - before) / dt;
     }
 }
@@ -726,8 +726,7 @@ SBI_API void sbi_constraint_follow(const sb_body *body, sb_vec3 *v, sb_real shar
     const sbi_equations *q = &e->equations;
     for (int k = 0; k < q->count; k++) {
         int c = e->order[k];
-        *sbi_elimination_at(v, q->dof[q->start[c]]) =
-            sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
+        *sbi_elimination_at(v, q->dof[q->start[c]]) = sbi_constraint_follow_rate(q, c, v) + e->start_gap[c] * share;
     }
 }
 
@@ -746,7 +745,7 @@ SBI_API void sbi_constraint_reactions(sb_body *body, sb_vec3 *out_of_balance)
 
 /* One entry of T in the row of a slave axis. */
 typedef struct sbi_constraint_entry {
-    int dof;          /* of the master */
+    int dof; /* of the master */
     sb_real weight;
     int is_free;
 } sbi_constraint_entry;
@@ -845,8 +844,8 @@ SBI_API double sbi_constraint_lumped_energy(const sb_body *body, const sb_vec3 *
         for (int axis = 0; axis < 3; axis++) {
             sbi_constraint_entry entry;
             double weights = 0, mean = 0, square = 0;
-            for (int k = 0; body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry);
-                 k++) {
+            for (int k = 0;
+                 body->elimination->slave[i] >> axis & 1 && sbi_constraint_entry_of(body, i, axis, k, &entry); k++) {
                 double rate = (double)sbi_elimination_get(v, entry.dof);
                 if (!entry.is_free)
                     continue;

@@ -12,7 +12,7 @@
 /* coefficient * (displacement of the node along the axis). */
 typedef struct sb_constraint_term {
     int node;
-    int axis;             /* 0 x, 1 y, 2 z */
+    int axis; /* 0 x, 1 y, 2 z */
     sb_real coefficient;
 } sb_constraint_term;
 
@@ -25,8 +25,9 @@ typedef struct sb_constraint_term {
  * A gap that a new constraint finds open is closed like the way of a moving support: at once by a time step, by load
  * increments in a static solve. A slave's velocity becomes that of its masters.
  * Errors, with nothing changed: SB_ERROR_INDEX (a node), SB_ERROR_ARGUMENT (an axis; a slave that is supported, as
- * nodes of no element always are, the slave of another constraint, among its own masters, or in a circle of constraints; node and axis named),
- * SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples them all: m^2 matrix blocks. */
+ * nodes of no element always are, the slave of another constraint, among its own masters, or in a circle of
+ * constraints; node and axis named), SB_ERROR_NOT_FINITE, SB_ERROR_MEMORY. A constraint with m master nodes couples
+ * them all: m^2 matrix blocks. */
 SB_API sb_result sb_body_add_constraint(sb_body *body, const sb_constraint_term *terms, int count, sb_real value,
                                         int *id, sb_error *error);
 /* Adds `count` constraints at once, all or none: constraint c has the next term_counts[c] of `terms` and values[c]
@@ -57,12 +58,12 @@ enum {
 
 /* What a call of sb_body_tie_faces tied. Its constraints are first_constraint .. + constraint_count - 1. */
 typedef struct sb_tie_report {
-    int tied_count;        /* slave nodes tied */
-    int free_count;        /* slave nodes left free: too far from all faces */
-    int farthest_node;     /* the farthest of them, or -1 */
-    int supported_count;   /* slave nodes with supported axes; those axes are left to their supports (nodes of no
-                            * element count here: none of their axes is tied) */
-    sb_real largest_gap;   /* of the nodes tied (m) */
+    int tied_count;      /* slave nodes tied */
+    int free_count;      /* slave nodes left free: too far from all faces */
+    int farthest_node;   /* the farthest of them, or -1 */
+    int supported_count; /* slave nodes with supported axes; those axes are left to their supports (nodes of no
+                          * element count here: none of their axes is tied) */
+    sb_real largest_gap; /* of the nodes tied (m) */
     int first_constraint, constraint_count;
 } sb_tie_report;
 
@@ -82,9 +83,9 @@ typedef struct sb_tie_report {
  * of 0.
  * Errors, with nothing changed: those of sb_body_add_constraint; SB_ERROR_ARGUMENT names the first face that no
  * element has, or a node of both sides. Time O(slaves * faces), cheap each; memory during the call. */
-SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners,
-                                   const int *slave_nodes, int slave_count, sb_real max_distance, int options,
-                                   sb_tie_report *report, sb_error *error);
+SB_API sb_result sb_body_tie_faces(sb_body *body, const int *faces, int face_count, int corners, const int *slave_nodes,
+                                   int slave_count, sb_real max_distance, int options, sb_tie_report *report,
+                                   sb_error *error);
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* Number that tells equations apart (ids, terms, coefficients; not values): 0 without constraints. */

@@ -73,13 +73,13 @@ static int sbi_elimination_slave_dof(const sbi_elimination *e, int c)
 /* Scratch of a creation. Rows of T, one per equation: entries begin[c] .. end[c] - 1 of dof and weight. */
 typedef struct sbi_elimination_maker {
     const sbi_elimination_setup *setup;
-    int *owner;            /* [3 node_count] equation whose slave the unknown is, or -1 */
-    int *slot;             /* [3 node_count] where the row at work has the unknown, or -1 */
-    int *next, *stack;     /* [count] */
-    unsigned char *state;  /* [count] 0: not met, 1: being followed, 2: done */
-    int *begin, *end;      /* [count] */
-    int *dof;              /* [capacity] */
-    double *weight;        /* [capacity] */
+    int *owner;           /* [3 node_count] equation whose slave the unknown is, or -1 */
+    int *slot;            /* [3 node_count] where the row at work has the unknown, or -1 */
+    int *next, *stack;    /* [count] */
+    unsigned char *state; /* [count] 0: not met, 1: being followed, 2: done */
+    int *begin, *end;     /* [count] */
+    int *dof;             /* [capacity] */
+    double *weight;       /* [capacity] */
     int used, capacity;
     void *memory, *rows;
 } sbi_elimination_maker;
@@ -100,9 +100,8 @@ static sb_result sbi_elimination_claim(sbi_elimination *e, sbi_elimination_maker
     for (int c = 0; c < q->count; c++) {
         int dof = q->dof[q->start[c]];
         if (maker->owner[dof] >= 0)
-            return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
-                                 "node %d is the slave of two constraints along %c", dof / 3,
-                                 sbi_elimination_axis(dof));
+            return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3, "node %d is the slave of two constraints along %c",
+                                 dof / 3, sbi_elimination_axis(dof));
         for (int k = q->start[c] + 1; k < q->start[c + 1]; k++)
             if (q->dof[k] == dof)
                 return sbi_fail_node(error, SB_ERROR_ARGUMENT, dof / 3,
@@ -610,8 +609,8 @@ SBI_API int sbi_elimination_open(sbi_elimination *e, const sb_vec3 *u, sb_real l
     for (int c = 0; c < e->equations.count; c++) {
         e->gap[c] = 0;
         if (load_factor != 0) /* at 0 the start itself is the goal, and rounding must not tell otherwise */
-            e->gap[c] = sbi_elimination_goal(e, c, u, load_factor) -
-                        sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
+            e->gap[c] =
+                sbi_elimination_goal(e, c, u, load_factor) - sbi_elimination_get(u, sbi_elimination_slave_dof(e, c));
         open |= e->gap[c] != 0;
     }
     return open;

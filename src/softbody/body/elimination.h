@@ -27,21 +27,21 @@ typedef struct sbi_elimination {
     sb_allocator allocator;
     sbi_equations equations;
     int node_count;
-    int *order;            /* [count] equations, masters before their slaves */
-    unsigned char *slave;  /* [node_count] eliminated axes as bits */
-    unsigned char *held;   /* [node_count] mask of the last condensed system */
+    int *order;                   /* [count] equations, masters before their slaves */
+    unsigned char *slave;         /* [node_count] eliminated axes as bits */
+    unsigned char *held;          /* [node_count] mask of the last condensed system */
     sb_real *force, *saved_force; /* [count] multipliers (N per unit coefficient) of the last solve */
-    sb_real *start_gap;    /* [count] way of each slave to where it belongs (m), at the start of the step */
-    sb_real *gap;          /* [count] the same at the present displacement and load factor */
-    sb_vec3 *reduced;      /* [node_count] condensed residual */
-    sb_vec3 *work;         /* [node_count] */
+    sb_real *start_gap;           /* [count] way of each slave to where it belongs (m), at the start of the step */
+    sb_real *gap;                 /* [count] the same at the present displacement and load factor */
+    sb_vec3 *reduced;             /* [node_count] condensed residual */
+    sb_vec3 *work;                /* [node_count] */
 
     /* T: the rows of nodes with slaves; of the others it is the identity */
-    int *first;            /* [node_count + 1] into master and weight */
+    int *first; /* [node_count + 1] into master and weight */
     int *master;
-    sb_real (*weight)[9];  /* row-major: [axis of the node][axis of the master] */
-    int *positions;        /* block of `matrix` for each pair of masters of each block of the full matrix */
-    sb_matrix matrix;      /* T^T A T */
+    sb_real (*weight)[9]; /* row-major: [axis of the node][axis of the master] */
+    int *positions;       /* block of `matrix` for each pair of masters of each block of the full matrix */
+    sb_matrix matrix;     /* T^T A T */
     sb_preconditioner *precond;
     sbi_precond_memory saved_precond;
     void *memory;
@@ -49,8 +49,8 @@ typedef struct sbi_elimination {
 
 /* What an elimination is made for; borrowed. */
 typedef struct sbi_elimination_setup {
-    const sb_matrix *matrix;      /* the full matrix; its pattern is read */
-    const sb_vec3 *positions;     /* [node_count] (m), for the coarse space of the preconditioner */
+    const sb_matrix *matrix;          /* the full matrix; its pattern is read */
+    const sb_vec3 *positions;         /* [node_count] (m), for the coarse space of the preconditioner */
     const sb_preconditioner *precond; /* of the full matrix; that of the condensed one is made like it */
     const sb_allocator *allocator;
 } sbi_elimination_setup;

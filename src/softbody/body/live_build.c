@@ -235,7 +235,8 @@ static sb_result sbi_live_make_rest(const sb_body *body, const sbi_live_mesh *me
     if (result != SB_OK)
         return result;
     if (body->live->follows)
-        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2), error); /* it takes half as many again */
+        result = sbi_matrix_reserve_plan(&next->matrix, sbi_max_int(1, body->matrix.live->key_capacity / 3 * 2),
+                                         error); /* it takes half as many again */
     if (result == SB_OK && body->live->follows)
         result = sbi_assembly_reserve_parents(&next->assembly,
                                               sbi_max_int(1, body->assembly.live->inherited_capacity / 2), error);
@@ -283,8 +284,8 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
 
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED])
 {
-    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity, body->acceleration, body->target,
-                                       body->dead_load, body->equilibrated, body->external, body->reaction};
+    sb_vec3 *list[SBI_LIVE_CARRIED] = {body->displacement, body->velocity,     body->acceleration, body->target,
+                                       body->dead_load,    body->equilibrated, body->external,     body->reaction};
     memcpy(vectors, list, sizeof list);
 }
 
@@ -344,7 +345,8 @@ static sb_vec3 sbi_live_select(unsigned axes, sb_vec3 a, sb_vec3 b)
     return sb_v3(axes & SB_X ? b.x : a.x, axes & SB_Y ? b.y : a.y, axes & SB_Z ? b.z : a.z);
 }
 
-/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have some. */
+/* A node moved with sources: their motion but along axes that it alone is held along, and targets where all have
+ * some. */
 SBI_API sbi_live_motion sbi_live_moved_motion(const sb_body *body, const sbi_mesh_change *change, int index)
 {
     sbi_live_sources sources =
@@ -429,7 +431,8 @@ static void sbi_live_carry_cells(const sb_body *body, const sbi_live_mesh *mesh,
 /* ---- momentum ---- */
 
 /* also: another sum that gets the same, or NULL. */
-static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about, sb_vec3 v)
+static void sbi_live_add_mass(sbi_live_moment *sum, sbi_live_moment *also, double m, sb_vec3 x, sb_vec3 about,
+                              sb_vec3 v)
 {
     const double r[3] = {(double)x.x - (double)about.x, (double)x.y - (double)about.y, (double)x.z - (double)about.z};
     const double p[3] = {m * (double)v.x, m * (double)v.y, m * (double)v.z};
@@ -465,8 +468,8 @@ static void sbi_live_add_cell(const sb_body *body, int e, sb_vec3 about, const s
         x[a] = body->reference[cell[a]];
     sbi_domain_element_mass(&body->domain, e, SB_MASS_LUMPED, x, mass, NULL);
     for (int a = 0; a < n; a++)
-        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]], about,
-                          v[cell[a]]);
+        sbi_live_add_mass(sum, also, (double)(sbi_live_density(body, e) * mass[a * n + a]), body->position[cell[a]],
+                          about, v[cell[a]]);
 }
 
 static void sbi_live_scale_moment(sbi_live_moment *sum, double factor)
@@ -667,7 +670,8 @@ static void sbi_live_carry_momentum(const sb_body *body, const sbi_mesh_change *
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error)
 {
     return sbi_fail_node(error, SB_ERROR_MESH, node,
-                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too", node);
+                         made ? "the new node %d is in no cell" : "node %d is left without a cell: remove it, too",
+                         node);
 }
 
 /* Every node in use has a cell, but those that had none before. */

@@ -1,8 +1,8 @@
 /* live_change: a change of the mesh as it is put together, checked and handed on.
  *
  * Every call is also written down as numbers (log), so that a recording can make the same calls again. Numbers of nodes
- * and cells mean what they are at that point of the change; sources and parents that the change itself made are resolved
- * to those before it when they are named. */
+ * and cells mean what they are at that point of the change; sources and parents that the change itself made are
+ * resolved to those before it when they are named. */
 #include "live_change.h"
 
 #include <string.h>
@@ -51,8 +51,8 @@ static int sbi_change_grow(sb_body_change *change, void **array, int *capacity, 
     return 1;
 }
 
-#define SBI_CHANGE_ROOM(change, list, more) \
-    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more, \
+#define SBI_CHANGE_ROOM(change, list, more)                                                                            \
+    sbi_change_grow(change, (void **)&(change)->list.items, &(change)->list.capacity, (change)->list.count, more,      \
                     sizeof *(change)->list.items)
 
 static sb_result sbi_change_no_memory(sb_error *error)
@@ -328,8 +328,9 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
     int slot, expanded;
     sb_result result;
     if (!change || !node || count < 1 || (flags != 0 && flags != SB_NODE_COPY))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_change_add_node needs a change, a place for the number, at "
-                                                  "least one source and known flags");
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_body_change_add_node needs a change, a place for the number, at "
+                        "least one source and known flags");
     if (!sb_v3_is_finite(position))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the place of the new node is not finite");
     result = sbi_change_check_list(change, sources, weights, count, "sources", error);
@@ -413,12 +414,15 @@ SB_API sb_result sb_body_change_remove_node(sb_body_change *change, int node, co
     result = sbi_change_check_list(change, heirs, weights, count, "heirs", error);
     for (int k = 0; k < count && result == SB_OK; k++)
         if (heirs[k] == node || !sbi_slots_is_used(&change->nodes, heirs[k]))
-            result = sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
+            result =
+                sbi_fail_node(error, SB_ERROR_INDEX, heirs[k], "node %d cannot be heir of node %d", heirs[k], node);
     for (int i = 0; i < change->removed_nodes.count && result == SB_OK; i++)
         for (int k = 0; k < change->removed_nodes.items[i].count && result == SB_OK; k++)
             if (change->entries.items[change->removed_nodes.items[i].first + k].node == node)
-                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node, "node %d is the heir of node %d, which this "
-                                       "change removes", node, change->removed_nodes.items[i].node);
+                result = sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
+                                       "node %d is the heir of node %d, which this "
+                                       "change removes",
+                                       node, change->removed_nodes.items[i].node);
     if (result == SB_OK)
         result = sbi_change_reserve(change, count, error);
     if (result != SB_OK)
@@ -884,8 +888,8 @@ static sb_result sbi_change_check_corners(const sb_body *body, const sbi_live_me
         cells += mesh->shares[e] > 0;
         for (int a = 0; a < n && mesh->shares[e] > 0; a++) {
             if (!sbi_slots_is_used(&mesh->nodes, cell[a])) {
-                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change", e,
-                                 cell[a]);
+                sbi_fail_element(error, SB_ERROR_INDEX, e, "cell %d has node %d, which is not in use after the change",
+                                 e, cell[a]);
                 if (error)
                     error->node = cell[a];
                 return SB_ERROR_INDEX;

@@ -7,16 +7,16 @@
 /* A node made, removed or moved. */
 typedef struct sbi_changed_node {
     int node;
-    int first, count;  /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
+    int first, count; /* sources (numbers before the change; a moved one may have none) or heirs among the entries */
     int flags;
-    int dropped;       /* 1: made and removed again */
+    int dropped; /* 1: made and removed again */
     sb_vec3 position;
 } sbi_changed_node;
 
 typedef struct sbi_changed_cell {
-    int cell, parent;  /* parent: number before the change, or -1 */
-    int material;      /* index of its region */
-    int first;         /* its corners */
+    int cell, parent; /* parent: number before the change, or -1 */
+    int material;     /* index of its region */
+    int first;        /* its corners */
     int dropped, has_fibre;
     sb_real share;
     sb_vec3 fibre;
@@ -30,14 +30,29 @@ typedef struct sbi_change_entry {
 struct sb_body_change {
     sb_body *body;
     sbi_slots nodes, cells; /* as they are at this point */
-    struct { sbi_changed_node *items; int count, capacity; } made_nodes, removed_nodes, moved_nodes;
-    struct { sbi_changed_cell *items; int count, capacity; } made_cells;
-    struct { int *items; int count, capacity; } removed_cells, corners, log_ints;
-    struct { sbi_change_entry *items; int count, capacity; } entries;
-    struct { sb_real *items; int count, capacity; } log_reals;
+    struct {
+        sbi_changed_node *items;
+        int count, capacity;
+    } made_nodes, removed_nodes, moved_nodes;
+    struct {
+        sbi_changed_cell *items;
+        int count, capacity;
+    } made_cells;
+    struct {
+        int *items;
+        int count, capacity;
+    } removed_cells, corners, log_ints;
+    struct {
+        sbi_change_entry *items;
+        int count, capacity;
+    } entries;
+    struct {
+        sb_real *items;
+        int count, capacity;
+    } log_reals;
     int *node_at, *cell_at; /* [capacity of the slots] 1 + the last record that made the slot, or 0 */
-    int reshaped_most; /* upper bound of the cells reshaped */
-    int version;       /* of the body's mesh at the beginning */
+    int reshaped_most;      /* upper bound of the cells reshaped */
+    int version;            /* of the body's mesh at the beginning */
 };
 
 /* The arrays behind an sb_mesh_change. */
@@ -51,13 +66,14 @@ typedef struct sbi_change_lists {
     sb_vec3 *made_positions, *moved_from, *moved_to;
     sbi_live_motion *motions; /* [made and moved nodes] */
     sb_vec3 *forces;          /* [removed nodes] dead loads that go to their heirs */
-    int *nodes, *gone, *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
+    int *nodes, *gone,
+        *come; /* [node_room] nodes that the change is about, each once; cells of each that go, and come */
     size_t node_room;
 } sbi_change_lists;
 
 /* Makes the change on the body in place, where it can: tet4, room in all arrays, no constraints, no loads on what
- * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has happened; 1: *result
- * says how it went. */
+ * changes, a preconditioner that follows. 0: it cannot, or something about the change is wrong, and nothing has
+ * happened; 1: *result says how it went. */
 SBI_API int sbi_live_follow(sb_body_change *change, const sbi_change_lists *lists, const sb_mesh_change *out,
                             sb_result *result, sb_error *error);
 /* Asks all listeners; on failure those asked before give up. */

@@ -1,8 +1,8 @@
 /* live_follow: a change made on the body in place, at the cost of what changed.
  *
- * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to live_build.c,
- * which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes, chunks and
- * preconditioner depend on the mesh alone. */
+ * First everything that may fail: checks, memory, listeners. What looks wrong, or is not for here, is left to
+ * live_build.c, which names it. Then all rooms follow. Both ways lead to the same bits, for masses, parts, boxes,
+ * chunks and preconditioner depend on the mesh alone. */
 #include "live_change.h"
 
 #include <string.h>
@@ -16,8 +16,8 @@ typedef struct sbi_live_following {
     const sb_mesh_change *out;
     int old_nodes, old_cells; /* ends before */
     sbi_live_balance velocity, acceleration;
-    int first;                /* see sbi_live_first_changed */
-    int node_count;           /* of lists->nodes */
+    int first;      /* see sbi_live_first_changed */
+    int node_count; /* of lists->nodes */
     sbi_tet_rule rule;
 } sbi_live_following;
 

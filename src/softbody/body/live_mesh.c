@@ -145,7 +145,8 @@ static sb_result sbi_live_check_slots(const sbi_slots *slots, int end, const cha
     for (int i = 0; i < slots->fresh; i++)
         stacked += !slots->used[i];
     if (stacked != slots->count)
-        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what, slots->count);
+        return sbi_fail(error, SB_ERROR_STATE, "%d slots of %s are free, %d wait to be used", stacked, what,
+                        slots->count);
     for (int k = 0; k < slots->count; k++)
         if (slots->stack[k] < 0 || slots->stack[k] >= slots->fresh || slots->used[slots->stack[k]])
             return sbi_fail(error, SB_ERROR_STATE, "slot %d of %s waits though it is in use", slots->stack[k], what);
@@ -198,7 +199,8 @@ static sb_result sbi_live_check_node(const sb_body *body, int i, sb_real mass, s
     return SB_OK;
 }
 
-/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6] zeros. */
+/* Whether each box holds the nodes of its part, and has the nodes in its sides that it counts; sides: [parts][6]
+ * zeros. */
 static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_error *error)
 {
     for (int i = 0; i < body->domain.node_count; i++) {
@@ -216,7 +218,8 @@ static sb_result sbi_live_check_boxes(const sb_body *body, int (*sides)[6], sb_e
     }
     for (int c = 0; c < body->component_count; c++)
         if (!sbi_body_box_is_right(body, c) || memcmp(sides[c], body->component_faces[c], sizeof sides[c]) != 0)
-            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts", c);
+            return sbi_fail(error, SB_ERROR_STATE, "the box of part %d has not the nodes in its sides that it counts",
+                            c);
     return SB_OK;
 }
 
@@ -232,8 +235,8 @@ static sb_result sbi_live_check_parts(const sb_body *body, sb_error *error)
         if (body->fixed[i] && body->node_component[i] >= 0)
             blocks += body->matrix.row_end[i] - body->matrix.row_start[i];
     if (result == SB_OK && blocks != body->support_used)
-        result = sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks,
-                          body->support_used);
+        result =
+            sbi_fail(error, SB_ERROR_STATE, "the rows of supports have %d blocks, not %d", blocks, body->support_used);
     return result;
 }
 

@@ -6,11 +6,11 @@
  *     ... remove the cells of the edge, add their halves ...
  *     if (sb_body_change_commit(change, &error)) sb_body_change_cancel(change);
  *
- * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed last
- * is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
+ * Needs def.slack > 0. Nodes and cells live in slots: they keep their numbers while they exist, and the slot removed
+ * last is used first, so that a change and its inverse give back the same numbers. sb_body_node_count and
  * sb_body_element_count count slots, free ones among them (sb_body_node_in_use, sb_body_cell_in_use): arrays by node
- * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and no
- * stress.
+ * and cell have an entry for each. A free node is held, shows no motion and has no mass; a free cell has no volume and
+ * no stress.
  *
  * What a change does to what is there:
  * - Motion: a node made has the weighted displacement, velocity and acceleration of its sources, and so has a node that
@@ -26,25 +26,27 @@
  * - Dead loads stay with their nodes; a removed node's go to its heirs, or with it.
  * - Pressures: a face that was split passes its pressure on to its parts; one whose cell went is no longer loaded. What
  *   a cut lays open is not loaded. SB_ERROR_ARGUMENT where a load would lose its last face.
- * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in a
- *   removed cell becomes the same material point of the cell made there. Points in space stay.
- * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed (SB_ERROR_ARGUMENT).
+ * - Springs and mappings: a removed node's weight goes to its heirs (a spring needs one heir); a row that is a point in
+ *   a removed cell becomes the same material point of the cell made there. Points in space stay.
+ * - Constraints and ties: a removed master's coefficient goes to its heirs; a slave cannot be removed
+ *   (SB_ERROR_ARGUMENT).
  * - Embeddings follow where they are asked to (sb_embedding_follow); others do not know of the change, and their points
  *   are wrong.
- * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are made
- *   anew.
+ * - Others may follow (sb_body_listen). Registrations do not: their next step says so (SB_ERROR_STATE), and they are
+ *   made anew.
  *
  * Cost: a body of tet4 makes a change in place, in time proportional to what changed besides some passes over the nodes
- * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there from
- * the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again; both depend
- * on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh. Everything is
- * made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow, elements are not
- * tet4, there are constraints or mappings that couple beyond cells, the preconditioner is SB_PRECOND_FSAI, CHOLESKY or
- * MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on what changes. The bits are the
- * same either way. Consistent masses cost a pass over all cells, Prony terms one over their memory.
+ * (tests/bench/RESULTS.md), without an allocation while def.slack lasts; lists for 1000 cells in one change are there
+ * from the start. The first step after it lists the rows of IC(0) or SSOR and cuts the coarse space's pieces again;
+ * both depend on the mesh alone, so iterations, states and changes taken back are those of a body made with that mesh.
+ * Everything is made anew instead, at the cost of creation (19 ms for 13,000 cells), where arrays have to grow,
+ * elements are not tet4, there are constraints or mappings that couple beyond cells, the preconditioner is
+ * SB_PRECOND_FSAI, CHOLESKY or MULTIGRID (the choice of SB_PRECOND_AUTO from some 10,000 nodes on), or a load is on
+ * what changes. The bits are the same either way. Consistent masses cost a pass over all cells, Prony terms one over
+ * their memory.
  *
- * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates half
- * as much again, and they have to be asked for anew. */
+ * Pointers to arrays by node (sb_body_positions ...) stay valid while def.slack lasts; a change beyond it allocates
+ * half as much again, and they have to be asked for anew. */
 #ifndef SB_LIVE_MESH_H
 #define SB_LIVE_MESH_H
 
@@ -60,17 +62,18 @@ enum {
 
 /* A cell to be made. Start from sb_default_change_cell(). */
 typedef struct sb_change_cell {
-    const int *nodes;     /* as many as the body's elements have, in their order; read during the call */
-    int parent;           /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
-    int region;           /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
+    const int *nodes; /* as many as the body's elements have, in their order; read during the call */
+    int parent; /* cell, as numbered before the change, that it inherits from; -1 (default): none, it is at rest */
+    int region; /* one that the mesh had at creation; SB_AUTO (default): the parent's, or the first */
     const sb_vec3 *fibre; /* direction, or NULL (default): the parent's, or none */
-    sb_real share;        /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
-                           * stiffness and mass are its share of the whole cell's */
+    sb_real share; /* of the cell's volume that is material, (0, 1]; default 1. Less where a cut leaves part of a cell:
+                    * stiffness and mass are its share of the whole cell's */
 } sb_change_cell;
 SB_API sb_change_cell sb_default_change_cell(void);
 
-/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the change as it was before
- * them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is open. SB_ERROR_MEMORY. */
+/* Begins a change; one at a time. Nothing happens to the body before the commit. Errors of the calls below leave the
+ * change as it was before them: it can go on. SB_ERROR_UNSUPPORTED: def.slack was 0. SB_ERROR_STATE: another change is
+ * open. SB_ERROR_MEMORY. */
 SB_API sb_result sb_body_change_begin(sb_body *body, sb_body_change **change, sb_error *error);
 
 /* Makes a node at a place of the reference shape (m); *node is its number.
@@ -81,9 +84,9 @@ SB_API sb_result sb_body_change_add_node(sb_body_change *change, sb_vec3 positio
                                          const sb_real *weights, int count, int flags, int *node, sb_error *error);
 /* Moves a node in the reference shape (m). Its cells change shape, also those not named here. The last move of a node
  * counts.
- * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so that
- *                   the body's motion stays where it was while the node slides through it. count 0: the node keeps the
- *                   motion it has, a made one that of its sources
+ * sources, weights  [count] as of sb_body_change_add_node: those of the new place in the mesh before the change, so
+ *                   that the body's motion stays where it was while the node slides through it. count 0: the node keeps
+ *                   the motion it has, a made one that of its sources
  * Errors as of sb_body_change_add_node. */
 SB_API sb_result sb_body_change_move_node(sb_body_change *change, int node, sb_vec3 position, const int *sources,
                                           const sb_real *weights, int count, sb_error *error);
@@ -102,8 +105,9 @@ SB_API sb_result sb_body_change_remove_cell(sb_body_change *change, int number, 
 /* Checks the change as a whole, takes all memory that following needs, and makes it. On SB_OK the change is gone; on
  * failure the body is as it was to the last bit, the change is still open, and the error names node or cell:
  * SB_ERROR_INDEX (a cell with a node that is not in use, or twice the same; a removed node that still has a cell),
- * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would lose
- * its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what a listener says. */
+ * SB_ERROR_MESH (a cell inside out or flat; a node left without a cell; no cell left), SB_ERROR_ARGUMENT (what would
+ * lose its node, see above), SB_ERROR_STATE (a state with another mesh was loaded meanwhile), SB_ERROR_MEMORY, or what
+ * a listener says. */
 SB_API sb_result sb_body_change_commit(sb_body_change *change, sb_error *error);
 SB_API void sb_body_change_cancel(sb_body_change *change); /* NULL is fine */
 

@@ -7,18 +7,19 @@
 #include "live_mesh.h"
 
 /* Slots of nodes or of cells. The next ones to be used are stack[count - 1] .. stack[0], then fresh, fresh + 1 ...; a
- * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a change
- * and its inverse leave no trace. */
+ * slot that was given back and is the one before fresh at the bottom of the stack counts as fresh again, so that a
+ * change and its inverse leave no trace. */
 typedef struct sbi_slots {
-    int end;            /* slots in use or free lie below */
+    int end; /* slots in use or free lie below */
     int fresh;
-    int count;          /* of the stack */
-    int *stack;         /* [capacity] */
-    unsigned char *used;/* [capacity] */
+    int count;           /* of the stack */
+    int *stack;          /* [capacity] */
+    unsigned char *used; /* [capacity] */
     int capacity;
 } sbi_slots;
 
-SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used, const sb_allocator *allocator); /* 0: no memory */
+SBI_API int sbi_slots_create(sbi_slots *slots, int capacity, int used,
+                             const sb_allocator *allocator); /* 0: no memory */
 SBI_API int sbi_slots_copy(sbi_slots *to, const sbi_slots *from, int capacity, const sb_allocator *allocator);
 /* The same slots, in arrays with room for them. */
 SBI_API void sbi_slots_assign(sbi_slots *to, const sbi_slots *from);
@@ -35,19 +36,19 @@ typedef struct sbi_listener {
 
 typedef struct sbi_live {
     sbi_slots nodes, cells;
-    sb_real *shares;          /* [cells.capacity] volume of material over that of the cell; 0: free */
-    sb_quadrature_kind rule;  /* of the domain's points */
-    int follows;              /* 1: domain, matrix and assembly follow changes: tet4 */
-    double slack;             /* of the def */
-    sb_real *masses;          /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
-    int *node_marks;          /* [nodes.capacity] zeros between calls */
+    sb_real *shares;         /* [cells.capacity] volume of material over that of the cell; 0: free */
+    sb_quadrature_kind rule; /* of the domain's points */
+    int follows;             /* 1: domain, matrix and assembly follow changes: tet4 */
+    double slack;            /* of the def */
+    sb_real *masses; /* [cells.capacity][8] of a body that follows: lumped mass and int rho N dV of each corner (kg) */
+    int *node_marks; /* [nodes.capacity] zeros between calls */
     unsigned char *cell_marks; /* [cells.capacity] zeros between calls */
-    sb_body_change *spare;    /* a change with its lists, for the next one; NULL while it is open */
-    void *lists;              /* behind the lists of a change while it is made */
+    sb_body_change *spare;     /* a change with its lists, for the next one; NULL while it is open */
+    void *lists;               /* behind the lists of a change while it is made */
     size_t list_bytes;
     int version;
-    int rebuilds;             /* times that a change made a body anew, or tried to: for tests */
-    sb_body_change *open;     /* the change under way, or NULL */
+    int rebuilds;         /* times that a change made a body anew, or tried to: for tests */
+    sb_body_change *open; /* the change under way, or NULL */
     sbi_listener *listeners;
     int listener_count, listener_capacity, last_listener;
 } sbi_live;
@@ -55,13 +56,13 @@ typedef struct sbi_live {
 /* A mesh in slots, as a body is to have it. */
 typedef struct sbi_live_mesh {
     sbi_slots nodes, cells;
-    sb_vec3 *positions;       /* [nodes.end] */
-    int *corners;             /* [cells.end][n]; 0 in free slots */
-    int *material;            /* [cells.end] index of the region */
-    sb_real *shares;          /* [cells.end] 0: free */
-    int *inherit;             /* [cells.end] cell of the body that it inherits from, or -1: none */
-    unsigned char *kept;      /* [cells.end] 1: it is that cell */
-    sb_vec3 *fibres;          /* [cells.end] unit directions or 0; NULL: the body has none */
+    sb_vec3 *positions;  /* [nodes.end] */
+    int *corners;        /* [cells.end][n]; 0 in free slots */
+    int *material;       /* [cells.end] index of the region */
+    sb_real *shares;     /* [cells.end] 0: free */
+    int *inherit;        /* [cells.end] cell of the body that it inherits from, or -1: none */
+    unsigned char *kept; /* [cells.end] 1: it is that cell */
+    sb_vec3 *fibres;     /* [cells.end] unit directions or 0; NULL: the body has none */
     void *memory;
 } sbi_live_mesh;
 
@@ -128,7 +129,7 @@ enum { SBI_LIVE_CARRIED = 8 };
 SBI_API void sbi_live_list_carried(const sb_body *body, sb_vec3 *vectors[SBI_LIVE_CARRIED]);
 /* Motion of a node made (or moved with sources), from the body before the change. */
 typedef struct sbi_live_motion {
-    int node;                /* -1: it keeps what it has */
+    int node; /* -1: it keeps what it has */
     unsigned char fixed;
     sb_vec3 displacement, velocity, acceleration, target;
 } sbi_live_motion;

@@ -211,7 +211,8 @@ static void sbi_live_rest_point(const sb_body *body, const int *nodes, const sb_
     }
 }
 
-/* A row that is a point in a removed tet4 becomes that point of the made cell that has it; 0: it is none, or none has. */
+/* A row that is a point in a removed tet4 becomes that point of the made cell that has it; 0: it is none, or none
+ * has. */
 static int sbi_live_relocate(sbi_live_rows *rows, const int *nodes, const sb_real *weights, int count)
 {
     const sbi_mesh_change *change = rows->change;
@@ -396,8 +397,9 @@ static sb_result sbi_live_carry_face(sbi_live_rows *rows, const sbi_load *load, 
     const int *nodes = load->nodes + load->row_start[j];
     int count = load->row_start[j + 1] - load->row_start[j], lost = sbi_live_loses_node(rows, nodes, count), done = 0;
     sbi_body_face face;
-    if (!lost && sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) ==
-                     SB_OK && !face.inner) {
+    if (!lost &&
+        sbi_body_get_face(rows->next, nodes, 0, sb_element_corner_count(load->face_types[j]), &face, NULL) == SB_OK &&
+        !face.inner) {
         if (face.count == count) /* in the order that the load has, whichever cell it is of now */
             memcpy(face.nodes, nodes, (size_t)count * sizeof *nodes);
         done = sbi_live_add_face(rows, &face);

@@ -123,8 +123,9 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     if (def->slack == 0)
         return SB_OK;
     if (def->domain)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "def.slack does not go with def.domain: where points of new cells "
-                                                     "would be is unknown");
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "def.slack does not go with def.domain: where points of new cells "
+                        "would be is unknown");
     live = node_capacity < 0 || cell_capacity < 0 ? NULL : (sbi_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
     body->live = live;
     if (!live || !sbi_slots_create(&live->nodes, node_capacity, nodes, allocator) ||
@@ -136,13 +137,15 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d cells", cell_capacity);
     for (int e = 0; e < cells; e++)
         live->shares[e] = 1;
-    live->rule = body->domain.points_per_cell - body->domain.mean_point ==
-                         sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
-                     ? SB_QUADRATURE_STIFFNESS
-                     : SB_QUADRATURE_STIFFNESS_CURVED;
+    live->rule =
+        body->domain.points_per_cell - body->domain.mean_point ==
+                sbi_element_quadrature(sbi_domain_element(&body->domain), SB_QUADRATURE_STIFFNESS, points, weights)
+            ? SB_QUADRATURE_STIFFNESS
+            : SB_QUADRATURE_STIFFNESS_CURVED;
     body->node_capacity = node_capacity;
     live->slack = (double)def->slack;
-    live->follows = body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
+    live->follows =
+        body->domain.element_type == SB_TET4 && body->domain.points_per_cell == 1 && !body->domain.cell_mass;
     result = sbi_live_take_marks(body, error);
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }

@@ -18,8 +18,8 @@ SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count
     for (int i = 0; i < count; i++) {
         sb_vec3 f = forces[uniform ? 0 : i];
         if ((f.x != 0 || f.y != 0 || f.z != 0) && body->node_component[nodes[i]] < 0)
-            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i], "node %d belongs to no element: no force can act on it",
-                                 nodes[i]);
+            return sbi_fail_node(error, SB_ERROR_INDEX, nodes[i],
+                                 "node %d belongs to no element: no force can act on it", nodes[i]);
     }
     for (int i = 0; i < count; i++)
         body->dead_load[nodes[i]] = sb_v3_add(body->dead_load[nodes[i]], forces[uniform ? 0 : i]);
@@ -84,8 +84,7 @@ static sbi_load_tangents sbi_load_interpolate(const sbi_load_rule *rule, int p, 
 /* ---- traction ---- */
 
 /* load_a += int t N_a dA over a face of the reference shape. */
-static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule,
-                                  sb_vec3 traction)
+static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, const sbi_load_rule *rule, sb_vec3 traction)
 {
     sb_vec3 x[SB_MAX_FACE_NODES];
     for (int a = 0; a < face->count; a++)
@@ -100,8 +99,8 @@ static void sbi_load_add_traction(sb_body *body, const sbi_body_face *face, cons
     }
 }
 
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error)
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
+                                      sb_error *error)
 {
     sbi_load_rule rule;
     rule.type = SB_NO_ELEMENT;
@@ -232,8 +231,8 @@ static sb_result sbi_load_outer_face(const sb_body *body, const int *faces, int 
 }
 
 /* A pressure load of these faces, its pressure still 0. */
-static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners,
-                                     sbi_load *load, sb_error *error)
+static sb_result sbi_load_make_faces(const sb_body *body, const int *faces, int face_count, int corners, sbi_load *load,
+                                     sb_error *error)
 {
     size_t entries = 0, pairs = 0;
     sbi_body_face face;
@@ -263,8 +262,7 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     sbi_load load;
     sb_result result;
     if (!body || face_count < 1 || corners < 3 || corners > 4 || !faces)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_add_pressure needs a body, and faces of 3 or 4 corners");
     if (!sb_is_finite(pressure))
         return sbi_fail(error, SB_ERROR_NOT_FINITE, "the pressure is not finite");
     result = sbi_load_make_faces(body, faces, face_count, corners, &load, error);
@@ -277,7 +275,8 @@ SB_API sb_result sb_body_add_pressure(sb_body *body, const int *faces, int face_
     }
     load.pressure = pressure;
     sbi_load_append(body, &load, load_id);
-    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure, 1);
+    sbi_body_tell(body, SBI_COMMAND_ADD_PRESSURE, corners, 0, faces, (size_t)face_count * (size_t)corners, &pressure,
+                  1);
     return SB_OK;
 }
 
@@ -424,8 +423,8 @@ static sb_result sbi_load_add_rows(sb_body *body, sbi_load_kind kind, const sb_m
     return SB_OK;
 }
 
-SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
-                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error)
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *points, int *load_id, sb_error *error)
 {
     sb_mapping mapping;
     sb_result result;
@@ -456,9 +455,9 @@ SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count,
     mapping.row_start = starts;
     mapping.nodes = nodes;
     mapping.weights = ones;
-    result = starts && ones ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id,
-                                                error)
-                            : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
+    result = starts && ones
+                 ? sbi_load_add_rows(body, SBI_LOAD_SPRINGS, &mapping, stiffness, uniform, points, load_id, error)
+                 : sbi_fail(error, SB_ERROR_MEMORY, "no memory for %d springs", count);
     sbi_free(&body->allocator, starts);
     sbi_free(&body->allocator, ones);
     return result;
@@ -480,11 +479,15 @@ static sb_result sbi_load_check_mapping(const sb_body *body, const sb_mapping *m
                 return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping names node %d of %d", j,
                                         mapping->nodes[k], body->domain.node_count);
             if (body->node_component[mapping->nodes[k]] < 0 && mapping->weights[k] != 0)
-                return sbi_fail_element(error, SB_ERROR_INDEX, j, "row %d of the mapping has a weight at node %d, which "
-                                        "no element has", j, mapping->nodes[k]);
+                return sbi_fail_element(error, SB_ERROR_INDEX, j,
+                                        "row %d of the mapping has a weight at node %d, which "
+                                        "no element has",
+                                        j, mapping->nodes[k]);
             if (!sb_is_finite(mapping->weights[k]))
-                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j, "row %d of the mapping has a weight that is "
-                                        "not finite", j);
+                return sbi_fail_element(error, SB_ERROR_NOT_FINITE, j,
+                                        "row %d of the mapping has a weight that is "
+                                        "not finite",
+                                        j);
         }
     return SB_OK;
 }
@@ -517,7 +520,8 @@ static sb_result sbi_load_set_points(sb_body *body, int load_id, sbi_load_kind k
     for (int j = 0; j < load->row_count && result == SB_OK; j++) { /* as sbi_load_put_points will: may overflow */
         double x[3];
         sbi_load_rest_point(body, load, j, x);
-        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) || !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
+        if (!sb_is_finite((sb_real)((double)points[j].x - x[0])) ||
+            !sb_is_finite((sb_real)((double)points[j].y - x[1])) ||
             !sb_is_finite((sb_real)((double)points[j].z - x[2])))
             result = SB_ERROR_NOT_FINITE;
     }
@@ -591,14 +595,14 @@ SB_API sb_result sb_body_mapping_points(const sb_body *body, int load_id, sb_vec
 
 static sb_real sbi_load_pressure_at(const sbi_load *load, sb_real factor)
 {
-    return factor == 1 ? load->pressure
-                       : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
+    return factor == 1 ? load->pressure : load->balanced_pressure + factor * (load->pressure - load->balanced_pressure);
 }
 
 static sb_real sbi_load_stiffness_at(const sbi_load *load, int row, sb_real factor)
 {
     sb_real from = load->balanced_stiffness ? load->balanced_stiffness[row] : 0;
-    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row] : from + factor * (load->stiffness[row] - from);
+    return factor == 1 || !load->balanced_stiffness ? load->stiffness[row]
+                                                    : from + factor * (load->stiffness[row] - from);
 }
 
 static sb_vec3 sbi_load_target_at(const sbi_load *load, int row, sb_real factor)
@@ -667,7 +671,8 @@ static void sbi_body_face_tangent(const sbi_load_rule *rule, int count, const sb
     for (int p = 0; p < rule->count; p++) {
         sbi_load_tangents t = sbi_load_interpolate(rule, p, count, x);
         for (int b = 0; b < count; b++) {
-            sb_vec3 arm = sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
+            sb_vec3 arm =
+                sb_v3_sub(sb_v3_scale(rule->gradient[p][b][0], t.s), sb_v3_scale(rule->gradient[p][b][1], t.r));
             for (int a = 0; a < count; a++)
                 k[a][b] = sb_v3_madd(k[a][b], pressure * rule->weights[p] * rule->shape[p][a], arm);
         }
@@ -843,8 +848,8 @@ SBI_API sbi_loads_work sbi_loads_line(const sb_body *body, const sb_vec3 *u, con
             }
             way = sbi_body_row_value(load, j, du);
             work.linear += sb_v3_dot(sbi_load_row_force(load, j, u, factor), way);
-            work.quadratic -= sbi_load_stiffness_at(load, j, factor) / 2 *
-                              sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
+            work.quadratic -=
+                sbi_load_stiffness_at(load, j, factor) / 2 * sb_v3_dot(way, sbi_load_stiff_part(load, j, way));
         }
     }
     return work;
@@ -941,8 +946,9 @@ SBI_API void sbi_loads_commit(sb_body *body, const sb_vec3 *row_u, const sb_vec3
             }
             load->force[j] = sbi_load_row_force(load, j, row_u, factor);
             for (int a = 0; a < count; a++)
-                sbi_load_collect(body, row_u, nodes[a], sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]),
-                                 load, body->external);
+                sbi_load_collect(body, row_u, nodes[a],
+                                 sb_v3_scale(load->weights[load->row_start[j] + a], load->force[j]), load,
+                                 body->external);
         }
     }
 }

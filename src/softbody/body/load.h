@@ -14,8 +14,8 @@ SB_API sb_result sb_body_apply_forces(sb_body *body, const int *nodes, int count
 SB_API sb_result sb_body_add_forces(sb_body *body, const int *nodes, int count, const sb_vec3 *forces, int uniform);
 /* Adds a traction (Pa on undeformed area) on element faces, each given by its 3 (tet) or 4 (hex) corner nodes in
  * any order: faces[face_count][corners]. SB_ERROR_ARGUMENT names the first face that no element has. */
-SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners,
-                                      sb_vec3 traction, sb_error *error);
+SB_API sb_result sb_body_add_traction(sb_body *body, const int *faces, int face_count, int corners, sb_vec3 traction,
+                                      sb_error *error);
 SB_API void sb_body_clear_loads(sb_body *body); /* forces and tractions; gravity and the loads below stay */
 
 /* ---- loads that follow the body ----
@@ -45,16 +45,17 @@ SB_API sb_result sb_body_set_pressure(sb_body *body, int load_id, sb_real pressu
 /* Springs of rest length 0 from nodes[count] to points in space points[count] (m): each pulls its node with
  * stiffness (point - position). stiffness: N/m, >= 0, one for each spring, or one for all when uniform is 1.
  * SB_ERROR_INDEX: a node out of range or of no element. */
-SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness,
-                                     int uniform, const sb_vec3 *points, int *load_id, sb_error *error);
+SB_API sb_result sb_body_add_springs(sb_body *body, const int *nodes, int count, const sb_real *stiffness, int uniform,
+                                     const sb_vec3 *points, int *load_id, sb_error *error);
 SB_API sb_result sb_body_move_springs(sb_body *body, int load_id, const sb_vec3 *points);
 SB_API sb_result sb_body_set_spring_stiffness(sb_body *body, int load_id, const sb_real *stiffness, int uniform);
 
 /* Penalty displacements: draws each row of the mapping to targets[row_count] (m, in space) with stiffness[row_count]
  * (N/m, >= 0; one for all when uniform is 1): f = -H k (H^T x - y), K = H k H^T. A row that couples nodes without a
  * common element enlarges the body's tangent: its matrix and preconditioner are then made anew, and blocks grow with
- * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range, or
- * one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node. Source: Robin condition through a mapping. */
+ * the square of the row's length. SB_ERROR_ARGUMENT (an empty or descending row), SB_ERROR_INDEX (a node out of range,
+ * or one of no element whose weight is not 0) and SB_ERROR_NOT_FINITE name the row (error->element) or its node.
+ * Source: Robin condition through a mapping. */
 SB_API sb_result sb_body_add_mapping(sb_body *body, const sb_mapping *mapping, const sb_real *stiffness, int uniform,
                                      const sb_vec3 *targets, int *load_id, sb_error *error);
 SB_API sb_result sb_body_set_mapping_targets(sb_body *body, int load_id, const sb_vec3 *targets);

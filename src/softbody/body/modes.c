@@ -19,9 +19,9 @@
 
 #define SBI_MODES_COOKIE 0x3d0deu
 enum {
-    SBI_MODES_GUARD = 4,   /* Ritz vectors beyond the wanted ones that are improved along with them */
-    SBI_MODES_BLOCK = 12,  /* most vectors by which the space grows at a time */
-    SBI_MODES_PROBES = 4   /* random vectors of the last look */
+    SBI_MODES_GUARD = 4,  /* Ritz vectors beyond the wanted ones that are improved along with them */
+    SBI_MODES_BLOCK = 12, /* most vectors by which the space grows at a time */
+    SBI_MODES_PROBES = 4  /* random vectors of the last look */
 };
 
 typedef struct sbi_modes {
@@ -30,24 +30,24 @@ typedef struct sbi_modes {
     sb_modes_info *info;
     sb_error *error;
     sb_preconditioner *precond;
-    sb_matrix *matrix;        /* A: the body's matrix, or the one its elimination condenses */
+    sb_matrix *matrix; /* A: the body's matrix, or the one its elimination condenses */
     int nodes, count;
-    int freedom;              /* degrees of freedom */
-    int capacity, size;       /* of the basis */
-    int block;                /* residuals per round */
-    double shift;             /* 1/s^2 */
-    double rounding;          /* of a residual (1/s^2) */
+    int freedom;        /* degrees of freedom */
+    int capacity, size; /* of the basis */
+    int block;          /* residuals per round */
+    double shift;       /* 1/s^2 */
+    double rounding;    /* of a residual (1/s^2) */
     uint64_t random;
-    sb_real *mass;            /* [block_count] (kg) of the full matrix */
-    sb_vec3 *weight;          /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
-    sb_vec3 *spread;          /* [nodes] a vector with its slaves */
-    sb_vec3 *basis;           /* [capacity][nodes] */
-    sb_vec3 *fresh;           /* [block][nodes] directions to grow by */
-    sb_vec3 *x, *ax, *mx;     /* [nodes] */
-    double *projected;        /* [capacity][capacity] H */
-    double *vectors;          /* [capacity][capacity] row i: eigenvector i of H */
-    double *values;           /* [capacity] ascending */
-    double *scratch;          /* [3 capacity] */
+    sb_real *mass;        /* [block_count] (kg) of the full matrix */
+    sb_vec3 *weight;      /* [nodes] (kg) diagonal of T^T (lumped mass) T, to measure residuals with; 0 on slaves */
+    sb_vec3 *spread;      /* [nodes] a vector with its slaves */
+    sb_vec3 *basis;       /* [capacity][nodes] */
+    sb_vec3 *fresh;       /* [block][nodes] directions to grow by */
+    sb_vec3 *x, *ax, *mx; /* [nodes] */
+    double *projected;    /* [capacity][capacity] H */
+    double *vectors;      /* [capacity][capacity] row i: eigenvector i of H */
+    double *values;       /* [capacity] ascending */
+    double *scratch;      /* [3 capacity] */
     void *memory;
 } sbi_modes;
 
@@ -455,8 +455,8 @@ static sb_result sbi_modes_iterate(sbi_modes *m)
         int missing, grown, keep;
         sb_result result = sbi_modes_project(m);
         if (result == SB_OK && m->size < m->count)
-            result = sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d does not show in %d vectors", m->size + 1,
-                              m->size);
+            result =
+                sbi_fail(m->error, SB_ERROR_NOT_CONVERGED, "mode %d does not show in %d vectors", m->size + 1, m->size);
         if (result == SB_OK)
             result = sbi_modes_improve(m, &missing, &grown);
         if (result != SB_OK)
@@ -613,7 +613,8 @@ static sb_result sbi_modes_prepare(sbi_modes *m)
     if (result != SB_OK)
         return result;
     if (b->load_count)
-        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1, matrix);
+        sbi_loads_add_tangent(b, b->displacement, m->options->at_present ? SB_TANGENT_EXACT : SB_TANGENT_SPD, 1,
+                              matrix);
     sbi_body_mass_blocks(b, m->options->mass, m->mass);
     sbi_modes_weigh(m);
     if (b->elimination)

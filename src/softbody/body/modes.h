@@ -6,25 +6,25 @@
 
 /* How modes are looked for. Start from sb_default_modes_options(). */
 typedef struct sb_modes_options {
-    sb_mass_kind mass;        /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
-    int at_present;           /* 0 (default): small motions about the undeformed shape without stress; 1: about the
-                               * present shape with its exact tangent, stresses included */
-    sb_real tolerance;        /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
-                               * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
-                               * counts as that */
-    int max_iterations;       /* times the space that is searched may grow, >= 1; default 100 */
-    unsigned cookie;          /* set by sb_default_modes_options */
+    sb_mass_kind mass;  /* mass matrix, whatever the body moves with; default SB_MASS_CONSISTENT */
+    int at_present;     /* 0 (default): small motions about the undeformed shape without stress; 1: about the
+                         * present shape with its exact tangent, stresses included */
+    sb_real tolerance;  /* |K x - lambda M x| / lambda in the norm of M^-1, for x of unit mass, (0, 1); default
+                         * 1e-8, which makes the error of a frequency far smaller. What is below rounding in K x
+                         * counts as that */
+    int max_iterations; /* times the space that is searched may grow, >= 1; default 100 */
+    unsigned cookie;    /* set by sb_default_modes_options */
 } sb_modes_options;
 
 SB_API sb_modes_options sb_default_modes_options(void);
 
 /* What a search did; written on success and on SB_ERROR_NOT_CONVERGED. */
 typedef struct sb_modes_info {
-    int iterations;           /* times the space grew */
-    int solves;               /* linear systems */
-    int pcg_iterations;       /* of all of them together */
-    sb_real residual;         /* the largest of any mode, as the tolerance measures it */
-    double seconds;           /* with the body's clock, otherwise 0 */
+    int iterations;     /* times the space grew */
+    int solves;         /* linear systems */
+    int pcg_iterations; /* of all of them together */
+    sb_real residual;   /* the largest of any mode, as the tolerance measures it */
+    double seconds;     /* with the body's clock, otherwise 0 */
 } sb_modes_info;
 
 /* Finds the lowest `count` natural frequencies of the body with its supports (at rest where they are), constraints

@@ -30,10 +30,10 @@ static const char sbi_record_magic[9] = "SBRECORD";
 
 struct sb_recording {
     sb_allocator allocator;
-    sb_body *body;         /* that is listened to, or NULL */
+    sb_body *body; /* that is listened to, or NULL */
     int positions_every, incomplete, commands, steps, node_count;
     size_t state_size;
-    unsigned char *data;   /* the image without its checksum; numbers of the head are put in when it is saved */
+    unsigned char *data; /* the image without its checksum; numbers of the head are put in when it is saved */
     size_t size, capacity;
 };
 
@@ -294,8 +294,8 @@ typedef struct sbi_record_rule {
     sbi_command_code code;
     const char *name;
     int ints;  /* count, or SBI_INTS_ANY */
-    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of the
-                * body when it is played; with ..._ANY the player looks */
+    int reals; /* count; SBI_REALS_PER_INT: a vector for each int, or one for all when b is 1; SBI_REALS_PER_NODE: of
+                * the body when it is played; with ..._ANY the player looks */
     sb_result (*play)(sb_body *body, const sbi_command *command, sb_error *error);
 } sbi_record_rule;
 
@@ -662,9 +662,9 @@ static int sbi_record_fits(const sbi_record_rule *rule, const sbi_command *c)
 /* A place in a recording. The arrays of the command are still encoded. */
 typedef struct sbi_record_cursor {
     const sb_recording *recording;
-    size_t at;                    /* behind the command */
+    size_t at; /* behind the command */
     const sbi_record_rule *rule;
-    sbi_command command;          /* ints and reals: set by sbi_record_decode */
+    sbi_command command; /* ints and reals: set by sbi_record_decode */
     const unsigned char *ints, *reals;
 } sbi_record_cursor;
 
@@ -742,8 +742,8 @@ SB_API sb_result sb_recording_load(const void *buffer, size_t size, const sb_all
     sb_result result;
     if (!recording || (size > 0 && !buffer))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load needs bytes and a place for the recording");
-    result = sbi_image_check((const unsigned char *)buffer, size, sbi_record_magic, SBI_RECORD_VERSION, "recording",
-                             error);
+    result =
+        sbi_image_check((const unsigned char *)buffer, size, sbi_record_magic, SBI_RECORD_VERSION, "recording", error);
     if (result != SB_OK)
         return result;
     if (size < (size_t)SBI_RECORD_HEAD + (size_t)SBI_IMAGE_TAIL)
@@ -773,8 +773,8 @@ SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *al
     sb_result result;
     if (!path || !recording)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_recording_load_file needs a path and a place for the recording");
-    result = sbi_image_read_file(allocator, path, sbi_record_magic, SBI_RECORD_VERSION, "recording", &image, &size,
-                                 error);
+    result =
+        sbi_image_read_file(allocator, path, sbi_record_magic, SBI_RECORD_VERSION, "recording", &image, &size, error);
     if (result != SB_OK)
         return result;
     result = sb_recording_load(image, size, allocator, recording, error);
@@ -823,8 +823,8 @@ static sb_vec3 sbi_record_position(const unsigned char *bytes, int node)
 {
     sb_real v[3];
     for (int k = 0; k < 3; k++)
-        v[k] = sbi_real_of(sbi_get_bytes(bytes + ((size_t)node * 3 + (size_t)k) * sizeof(sb_real),
-                                         (int)sizeof(sb_real)));
+        v[k] =
+            sbi_real_of(sbi_get_bytes(bytes + ((size_t)node * 3 + (size_t)k) * sizeof(sb_real), (int)sizeof(sb_real)));
     return sb_v3(v[0], v[1], v[2]);
 }
 
@@ -900,8 +900,8 @@ static sb_result sbi_record_run(const sb_recording *recording, sb_body *body, co
                                 sb_recording_report *report)
 {
     sbi_record_cursor cursor = sbi_record_begin(recording);
-    sb_result result = sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size,
-                                          &report->error);
+    sb_result result =
+        sb_body_state_load(body, recording->data + SBI_RECORD_HEAD, recording->state_size, &report->error);
     if (result == SB_OK && recording->node_count != body->domain.node_count)
         return sbi_fail(&report->error, SB_ERROR_STATE, "the recording is of %d nodes, the body has %d",
                         recording->node_count, body->domain.node_count);

@@ -16,11 +16,11 @@
 typedef struct sb_recording sb_recording;
 
 typedef struct sb_recording_info {
-    int commands;    /* calls recorded, steps included */
-    int steps;       /* steps and static solves among them */
-    int complete;    /* 0: memory ran short, and what came after that is missing */
-    int recording;   /* 1: still listening to a body */
-    size_t bytes;    /* what sb_recording_save writes */
+    int commands;  /* calls recorded, steps included */
+    int steps;     /* steps and static solves among them */
+    int complete;  /* 0: memory ran short, and what came after that is missing */
+    int recording; /* 1: still listening to a body */
+    size_t bytes;  /* what sb_recording_save writes */
 } sb_recording_info;
 
 /* Begins to record a body, from its present state. One recording per body at a time.
@@ -53,15 +53,15 @@ SB_API sb_result sb_recording_load_file(const char *path, const sb_allocator *al
 
 /* How far a replay came, and where it left the recording's way. Every field is written by every call. */
 typedef struct sb_recording_report {
-    int commands, steps;         /* that were played and agreed */
-    int step;                    /* the first that differed, from 0; -1: none did */
-    sb_result expected, actual;  /* result of that step in the recording and now */
+    int commands, steps;                 /* that were played and agreed */
+    int step;                            /* the first that differed, from 0; -1: none did */
+    sb_result expected, actual;          /* result of that step in the recording and now */
     uint64_t expected_hash, actual_hash; /* of the state after it */
-    int first_node, last_node;   /* the first displacement that differs is among these: one node where the recording has
-                                  * positions, else a sixteenth of the nodes; -1: none differs, but something else of
-                                  * the state does (velocities, warm starts ...) */
-    sb_real distance;            /* how far apart they are there (m); -1 where the recording has no positions */
-    sb_error error;              /* why the call failed */
+    int first_node, last_node; /* the first displacement that differs is among these: one node where the recording has
+                                * positions, else a sixteenth of the nodes; -1: none differs, but something else of
+                                * the state does (velocities, warm starts ...) */
+    sb_real distance;          /* how far apart they are there (m); -1 where the recording has no positions */
+    sb_error error;            /* why the call failed */
 } sb_recording_report;
 
 /* Plays a recording on a body made from the same mesh with the same kinds of elements, mass and preconditioner (what

@@ -90,18 +90,18 @@ typedef struct sbi_state_walk {
     int overflow;            /* MEASURE: used does not fit size_t */
     int plain;               /* 1: for this body alone: what it is made of and what others keep are left out */
     uint64_t hash;
-    sb_result result;        /* the first failure; what comes after it is 0 */
+    sb_result result; /* the first failure; what comes after it is 0 */
     sb_error *error;
-    int differs;             /* 1: what was passed is not what the body has */
-    int store;               /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
+    int differs; /* 1: what was passed is not what the body has */
+    int store;   /* RESERVE and READ: the places that sbi_state_put_... name take the image's values */
 
     /* of the image, once CHECK has been there */
     sb_body_def settings;
     int last_load_id, next_constraint; /* those of what is being passed */
-    const unsigned char *others; /* the parts that others keep */
-    int terms;               /* most Prony terms of a material; of the body in passes over one */
-    int has_fibres;          /* 1: some material has */
-    const unsigned char *fixed; /* [node_count] */
+    const unsigned char *others;       /* the parts that others keep */
+    int terms;                         /* most Prony terms of a material; of the body in passes over one */
+    int has_fibres;                    /* 1: some material has */
+    const unsigned char *fixed;        /* [node_count] */
 
     /* what RESERVE makes and READ puts in place */
     sbi_body_pattern pattern;
@@ -149,8 +149,8 @@ static int sbi_state_int(sbi_state_walk *walk, int value, int low, int high, con
     if (!sbi_state_is_image(walk))
         return value;
     if (walk->result == SB_OK && (got < low || got > high))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d", name,
-                                        got, low, high));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved state has %s %d, not in %d .. %d",
+                                        name, got, low, high));
     return walk->result == SB_OK ? got : low;
 }
 
@@ -330,7 +330,8 @@ static uint64_t sbi_state_mesh_hash(const sb_body *body)
         hash = sbi_hash_word(hash, sbi_real_bits(body->reference[i].z));
     }
     if (body->own_points) { /* nothing else tells them from the elements' */
-        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell, n = (size_t)domain->nodes_per_cell;
+        size_t points = (size_t)domain->cell_count * (size_t)domain->points_per_cell,
+               n = (size_t)domain->nodes_per_cell;
         hash = sbi_state_reals_hash(hash, domain->weights, points);
         hash = sbi_state_reals_hash(hash, domain->gradients, points * n * 3);
         hash = sbi_state_reals_hash(hash, domain->cell_mass,
@@ -362,8 +363,8 @@ static void sbi_state_make(sb_body *body, sbi_state_walk *walk)
 static void sbi_state_settings(sb_body *body, sbi_state_walk *walk)
 {
     sb_body_def def = sb_default_body_def();
-    def.integrator = (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE,
-                                                  "integrator");
+    def.integrator =
+        (sb_integrator)sbi_state_int(walk, (int)body->integrator, SB_EULER, SB_CENTRAL_DIFFERENCE, "integrator");
     def.gravity = sbi_state_vector(walk, body->gravity);
     def.damping_mass = sbi_state_real(walk, body->damping_mass);
     def.damping_stiffness = sbi_state_real(walk, body->damping_stiffness);
@@ -438,13 +439,14 @@ static void sbi_state_fibres(sb_body *body, sbi_state_walk *walk)
 {
     int count = body->domain.cell_count, given = sbi_state_int(walk, body->fibres != NULL, 0, 1, "fibre mark");
     if (sbi_state_checks(walk) && walk->has_fibres && !given)
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL, "a saved material has fibres, but no directions "
-                                                                        "were saved"));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MATERIAL,
+                                        "a saved material has fibres, but no directions "
+                                        "were saved"));
     if (walk->pass == SBI_STATE_RESERVE && given && !body->fibres) {
         walk->fibres = (sb_vec3 *)sbi_alloc(&body->allocator, (size_t)count, sizeof(sb_vec3));
         if (!walk->fibres)
-            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements",
-                                            count));
+            sbi_state_refuse(walk,
+                             sbi_fail(walk->error, SB_ERROR_MEMORY, "no memory for the fibres of %d elements", count));
     }
     if (walk->pass == SBI_STATE_READ && (given ? walk->fibres != NULL : body->fibres != NULL)) {
         sbi_free(&body->allocator, body->fibres);
@@ -583,7 +585,7 @@ static void sbi_state_loads(sb_body *body, sbi_state_walk *walk)
 /* What passing the rows of a load found out. */
 typedef struct sbi_state_rows {
     size_t entries, pairs;
-    int same;                /* 1: rows, nodes and kind are those of the body's load */
+    int same; /* 1: rows, nodes and kind are those of the body's load */
 } sbi_state_rows;
 
 /* Whether a saved row of a pressure is a face of the surface; nodes in the order in which the body would have it. */
@@ -608,8 +610,10 @@ static void sbi_state_check_blocks(const sb_body *body, sbi_state_walk *walk, si
             int i = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)a, 4));
             int j = sbi_int_of(sbi_get_bytes(walk->in + at + 4 * (size_t)b, 4));
             if (sb_matrix_find(matrix, i, j) < 0)
-                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i, "a saved row couples the nodes %d "
-                                                     "and %d, which the saved matrix does not", i, j));
+                sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, i,
+                                                     "a saved row couples the nodes %d "
+                                                     "and %d, which the saved matrix does not",
+                                                     i, j));
         }
 }
 
@@ -645,8 +649,8 @@ static int sbi_state_row(const sb_body *body, sbi_state_walk *walk, sbi_load *lo
         load->face_types[j] = (sb_element_type)type;
     at = walk->used;
     for (int k = 0; k < size && walk->result == SB_OK; k++) {
-        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0,
-                                     body->domain.node_count - 1, "node of a load");
+        int node = sbi_state_put_int(walk, load->nodes ? load->nodes + from + k : NULL, 0, body->domain.node_count - 1,
+                                     "node of a load");
         if (pressure && k < SB_MAX_FACE_NODES)
             corner[k] = node;
     }
@@ -689,8 +693,8 @@ static sbi_state_rows sbi_state_load_rows(const sb_body *body, sbi_state_walk *w
         rows.same = rows.same && sbi_state_same_row(walk, like, j, size, at);
         rows.entries += (size_t)size; /* each took bytes of the image, so this cannot overflow */
         if (!sbi_size_add(&rows.pairs, (size_t)size, (size_t)size))
-            sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long",
-                                            load->id));
+            sbi_state_refuse(
+                walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "a row of the saved load %d is too long", load->id));
         if (walk->store)
             load->row_start[j + 1] = (int)rows.entries;
     }
@@ -702,7 +706,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
 {
     int last = body->last_load_id;
     load->kind = (sbi_load_kind)sbi_state_int(walk, (int)load->kind, SBI_LOAD_PRESSURE, SBI_LOAD_MAPPING, "load kind");
-    load->id = sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
+    load->id =
+        sbi_state_int(walk, load->id, after + 1, sbi_state_is_image(walk) ? walk->last_load_id : last, "load id");
     load->balanced = sbi_state_int(walk, load->balanced, 0, 1, "mark of a balanced load");
     load->row_count = sbi_state_int(walk, load->row_count, 1, INT32_MAX - 1, "number of rows of a load");
     load->pressure = sbi_state_real(walk, load->pressure);
@@ -712,8 +717,8 @@ static void sbi_state_load_head(const sb_body *body, sbi_state_walk *walk, int a
     for (int k = 0; k < 6; k++)
         load->net[k] = sbi_state_double(walk, load->net[k]);
     if (sbi_state_checks(walk) && !sb_is_finite(load->pressure))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite",
-                                        load->id));
+        sbi_state_refuse(
+            walk, sbi_fail(walk->error, SB_ERROR_NOT_FINITE, "the saved pressure of load %d is not finite", load->id));
 }
 
 /* Room for what these rows tie. */
@@ -740,8 +745,8 @@ static void sbi_state_make_load(sb_body *body, sbi_state_walk *walk, int after, 
     if (walk->result == SB_OK && rows.entries > INT32_MAX)
         sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_MEMORY, "the saved load %d is too long", load->id));
     if (walk->result == SB_OK)
-        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries, rows.pairs, load,
-                                             walk->error));
+        sbi_state_refuse(walk, sbi_load_make(&body->allocator, load->kind, load->row_count, (int)rows.entries,
+                                             rows.pairs, load, walk->error));
     if (walk->result != SB_OK)
         return;
     walk->load_count++;
@@ -836,9 +841,9 @@ static void sbi_state_check_equation(sbi_state_walk *walk, int id, int slave, sb
                                              "the saved constraint %d has value %g and coefficient %g", id,
                                              (double)value, (double)first));
     else if (walk->fixed[slave / 3] >> slave % 3 & 1)
-        sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
-                                             "the slave of the saved constraint %d, node %d, is supported", id,
-                                             slave / 3));
+        sbi_state_refuse(walk,
+                         sbi_fail_node(walk->error, SB_ERROR_FORMAT, slave / 3,
+                                       "the slave of the saved constraint %d, node %d, is supported", id, slave / 3));
 }
 
 /* Equation c: from q in passes over a body; into it when storing; otherwise compared with it where there is one.
@@ -862,9 +867,9 @@ static int sbi_state_equation(const sb_body *body, sbi_state_walk *walk, sbi_equ
         if (k == 0 && sbi_state_checks(walk))
             sbi_state_check_equation(walk, id, dof, first, value);
         if (sbi_state_checks(walk) && !sb_is_finite(coefficient / first))
-            sbi_state_refuse(walk, sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
-                                                 "the saved constraint %d has coefficient %g", id,
-                                                 (double)coefficient));
+            sbi_state_refuse(walk,
+                             sbi_fail_node(walk->error, SB_ERROR_NOT_FINITE, dof / 3,
+                                           "the saved constraint %d has coefficient %g", id, (double)coefficient));
     }
     if (walk->store)
         q->start[c + 1] = (int)from + count;
@@ -1073,8 +1078,8 @@ static void sbi_state_guard(sb_body *body, sbi_state_walk *walk)
     guard.calm = sbi_state_int(walk, body->guard.calm, 0, INT32_MAX - 1, "calm");
     guard.energy = sbi_state_double(walk, body->guard.energy);
     if (sbi_state_checks(walk) && (!(guard.stable_step >= 0) || !sb_is_finite(guard.stable_step)))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s",
-                                        (double)guard.stable_step));
+        sbi_state_refuse(
+            walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved stable step is %g s", (double)guard.stable_step));
     if (walk->pass == SBI_STATE_READ)
         body->guard = guard;
 }
@@ -1089,8 +1094,10 @@ static void sbi_state_memory_of(sbi_state_walk *walk, sb_preconditioner *precond
     memory.successes = sbi_state_int(walk, memory.successes, 0, INT32_MAX, "preconditioner successes");
     memory.wait = sbi_state_int(walk, memory.wait, 0, INT32_MAX, "preconditioner wait");
     if (sbi_state_checks(walk) && !sbi_precond_is_memory(memory))
-        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT, "the saved preconditioner's shift %g or wait %d "
-                                                                      "is out of range", memory.shift, memory.wait));
+        sbi_state_refuse(walk, sbi_fail(walk->error, SB_ERROR_FORMAT,
+                                        "the saved preconditioner's shift %g or wait %d "
+                                        "is out of range",
+                                        memory.shift, memory.wait));
     if (walk->pass == SBI_STATE_READ)
         sbi_precond_set_memory(precond, memory);
 }
@@ -1160,7 +1167,8 @@ static void sbi_state_live_arrays(sbi_state_walk *walk, sbi_live_mesh *mesh, int
         sbi_state_put_real(walk, mesh->shares + e);
         sbi_state_put_int(walk, mesh->material + e, 0, materials - 1, "region of a cell");
         for (int a = 0; a < n && walk->result == SB_OK; a++)
-            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1, "node of a cell");
+            sbi_state_put_int(walk, mesh->corners + (size_t)e * (size_t)n + a, 0, mesh->nodes.end - 1,
+                              "node of a cell");
     }
 }
 
@@ -1211,7 +1219,8 @@ static sb_result sbi_state_check_cells(const sbi_live_mesh *mesh, int n, sb_erro
 }
 
 /* Reads the mesh of an image. */
-static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh, sb_error *error)
+static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *from, sbi_live_mesh *mesh,
+                                     sb_error *error)
 {
     sbi_state_walk walk = *from;
     sbi_slots nodes, cells;
@@ -1228,8 +1237,9 @@ static sb_result sbi_state_read_mesh(const sb_body *body, const sbi_state_walk *
         return walk.result;
     needed = 4 * ((uint64_t)nodes.count + (uint64_t)cells.count) + 3 * sizeof(sb_real) * (uint64_t)nodes.end +
              (uint64_t)cells.end * (sizeof(sb_real) + 4 + 4 * (uint64_t)n);
-    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count || cells.fresh > cells.end + cells.count ||
-        nodes.count > nodes.fresh || cells.count > cells.fresh || nodes.end > nodes.fresh || cells.end > cells.fresh)
+    if (needed > walk.size - walk.used || nodes.fresh > nodes.end + nodes.count ||
+        cells.fresh > cells.end + cells.count || nodes.count > nodes.fresh || cells.count > cells.fresh ||
+        nodes.end > nodes.fresh || cells.end > cells.fresh)
         return sbi_fail(error, SB_ERROR_FORMAT, "the slots of the saved mesh do not fit together");
     result = sbi_live_mesh_room(body, &nodes, &cells, mesh, error);
     if (result != SB_OK)
@@ -1271,10 +1281,20 @@ typedef struct sbi_state_own {
 
 static const sbi_state_own sbi_state_owns[] = {
     {SBI_STATE_LIVE, sbi_state_live},
-    {1, sbi_state_make},      {2, sbi_state_settings}, {3, sbi_state_materials},    {9, sbi_state_fibres},
-    {10, sbi_state_extra},    {4, sbi_state_supports}, {5, sbi_state_loads},        {11, sbi_state_follow},
-    {12, sbi_state_constraints}, {6, sbi_state_rotations}, {13, sbi_state_prony},   {7, sbi_state_motion},
-    {14, sbi_state_guard},    {8, sbi_state_precond},
+    {1, sbi_state_make},
+    {2, sbi_state_settings},
+    {3, sbi_state_materials},
+    {9, sbi_state_fibres},
+    {10, sbi_state_extra},
+    {4, sbi_state_supports},
+    {5, sbi_state_loads},
+    {11, sbi_state_follow},
+    {12, sbi_state_constraints},
+    {6, sbi_state_rotations},
+    {13, sbi_state_prony},
+    {7, sbi_state_motion},
+    {14, sbi_state_guard},
+    {8, sbi_state_precond},
 };
 enum { SBI_STATE_OWNS = sizeof sbi_state_owns / sizeof sbi_state_owns[0], SBI_STATE_VERSION = 2 };
 
@@ -1399,8 +1419,8 @@ static void sbi_state_tell(sb_body *body, const unsigned char *bytes, size_t siz
     sbi_body_tell_command(body, &command);
 }
 
-/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one whose
- * place it will take; they are ready to load then. */
+/* All passes of an image over a body that has its mesh. owner: the body that others have joined, this one or the one
+ * whose place it will take; they are ready to load then. */
 static sb_result sbi_state_pass_image(sb_body *body, const sb_body *owner, sbi_state_walk *walk, sb_error *error)
 {
     int joined = 0;
@@ -1464,9 +1484,10 @@ SB_API sb_result sb_body_state_load(sb_body *body, const void *buffer, size_t si
     walk.size = size - SBI_IMAGE_TAIL;
     is_live = walk.size >= SBI_IMAGE_HEAD + 4 && sbi_get_bytes(walk.in + SBI_IMAGE_HEAD, 4) == SBI_STATE_LIVE;
     if (is_live != (body->live != NULL))
-        return sbi_fail(error, SB_ERROR_STATE, is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
-                                                       : "the state is of a body whose mesh does not change: def.slack "
-                                                         "is not 0 here");
+        return sbi_fail(error, SB_ERROR_STATE,
+                        is_live ? "the state is of a body whose mesh may change: def.slack is 0 here"
+                                : "the state is of a body whose mesh does not change: def.slack "
+                                  "is not 0 here");
     walk.result = is_live ? sbi_state_pass_live(body, &walk, error) : sbi_state_pass_image(body, body, &walk, error);
     if (walk.result != SB_OK)
         return walk.result;
@@ -1508,8 +1529,8 @@ SB_API sb_result sb_body_state_load_file(sb_body *body, const char *path, sb_err
     sb_result result;
     if (!body || !path)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_state_load_file needs a body and a path");
-    result = sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size,
-                                 error);
+    result =
+        sbi_image_read_file(&body->allocator, path, sbi_state_magic, SBI_STATE_VERSION, "state", &image, &size, error);
     if (result != SB_OK)
         return result;
     result = sb_body_state_load(body, image, size, error);

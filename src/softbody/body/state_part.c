@@ -1,5 +1,5 @@
-/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8) and
- * bytes. */
+/* state_part: parts of a body's state that others keep. In the image each is its name (8 bytes), version (4), size (8)
+ * and bytes. */
 #include "state_part.h"
 
 #include <string.h>
@@ -59,7 +59,8 @@ static sbi_state_part *sbi_state_parts_find(const sb_body *body, const char *nam
 {
     const sbi_state_parts *parts = body->parts;
     int at = parts ? sbi_state_parts_place(parts, name) : 0;
-    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at : NULL;
+    return parts && at < parts->count && strncmp(parts->list[at].name, name, SBI_PART_NAME) == 0 ? parts->list + at
+                                                                                                 : NULL;
 }
 
 SBI_API sb_result sbi_body_join(sb_body *body, const sbi_state_part *part, sb_error *error)
@@ -170,15 +171,16 @@ static sb_result sbi_state_part_check(const sb_body *owner, const sb_body *body,
         return sbi_fail(error, SB_ERROR_STATE, "the state was saved with a part '%.8s' that the body does not have",
                         view->name);
     if (order > 0)
-        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has", part->name);
+        return sbi_fail(error, SB_ERROR_STATE, "the state was saved without the part '%.8s' that the body has",
+                        part->name);
     if (view->version != part->version)
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "the saved part '%.8s' has version %d, not %d", part->name,
                         view->version, part->version);
     return part->check(part->user, body, view->bytes, view->size, error);
 }
 
-SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
-                                        sb_error *error)
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes,
+                                        size_t size, sb_error *error)
 {
     int count = owner->parts ? owner->parts->count : 0, i = 0;
     size_t at = 0;
@@ -245,8 +247,8 @@ static void sbi_part_tell(sb_body *body, sbi_command_code code, const char *name
     sbi_body_tell_command(body, &command);
 }
 
-SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
-                                size_t real_count)
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count,
+                                const sb_real *reals, size_t real_count)
 {
     sbi_part_tell(body, SBI_COMMAND_PART, name, SB_OK, ints, int_count, reals, real_count);
 }
@@ -270,7 +272,8 @@ SBI_API sb_result sbi_state_parts_replay(sb_body *body, const int *ints, size_t 
     memcpy(name, bytes, sizeof bytes);
     part = sbi_state_parts_find(body, name);
     if (!part || !part->replay)
-        return sbi_fail(error, SB_ERROR_STATE, "the recording holds commands of a part '%.8s' that the body does not have",
-                        name);
-    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count, error);
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the recording holds commands of a part '%.8s' that the body does not have", name);
+    return part->replay(part->user, ints + SBI_PART_NAME_INTS, int_count - SBI_PART_NAME_INTS, reals, real_count,
+                        error);
 }

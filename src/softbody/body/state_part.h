@@ -1,9 +1,9 @@
 /* state_part: what others keep about a body (needles in it, a remesher) and save, restore and record together with it.
  * Floor 3, internal.
  *
- * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording holds
- * their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will, then it
- * tells one command, which its `replay` does again. */
+ * A body's saved state ends with the parts of those that have joined it, in the order of their names. Its recording
+ * holds their commands beside its own: between sbi_body_mute and sbi_body_unmute a part does to the body what it will,
+ * then it tells one command, which its `replay` does again. */
 #ifndef SB_STATE_PART_H
 #define SB_STATE_PART_H
 
@@ -21,13 +21,13 @@ typedef struct sbi_state_out {
 SBI_API void sbi_state_put(sbi_state_out *out, const void *bytes, size_t size);
 
 typedef struct sbi_state_part {
-    char name[9];  /* eight characters at most; each name once in a body */
-    int version;   /* of its bytes */
+    char name[9]; /* eight characters at most; each name once in a body */
+    int version;  /* of its bytes */
     void *user;
     /* Gives its bytes, the same ones as long as nothing has changed. */
     void (*save)(const void *user, sbi_state_out *out);
-    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that this
-     * needs. Nothing that a step could notice changes. */
+    /* Whether it may become what these bytes say, beside a body whose mesh is that of `body`; takes the memory that
+     * this needs. Nothing that a step could notice changes. */
     sb_result (*check)(void *user, const sb_body *body, const unsigned char *bytes, size_t size, sb_error *error);
     /* Becomes it; the body has its own state back already, and listeners have followed. */
     void (*load)(void *user, const unsigned char *bytes, size_t size);
@@ -48,8 +48,8 @@ SBI_API void sbi_body_leave(sb_body *body, const char *name);
 SBI_API void sbi_body_mute(sb_body *body);
 SBI_API void sbi_body_unmute(sb_body *body);
 /* A command of the part that changes the body or the part. */
-SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count, const sb_real *reals,
-                                size_t real_count);
+SBI_API void sbi_body_tell_part(sb_body *body, const char *name, const int *ints, size_t int_count,
+                                const sb_real *reals, size_t real_count);
 /* The same of a command that is a step, with its result: also told when it failed. */
 SBI_API void sbi_body_tell_part_step(sb_body *body, const char *name, sb_result result, const int *ints,
                                      size_t int_count, const sb_real *reals, size_t real_count);
@@ -72,10 +72,10 @@ typedef struct sbi_state_parts {
 SBI_API void sbi_state_parts_free(sb_body *body);
 /* Bytes of all parts as the image has them. */
 SBI_API void sbi_state_parts_put(const sb_body *body, sbi_state_out *out);
-/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have given
- * up. */
-SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes, size_t size,
-                                        sb_error *error);
+/* The image's parts, bytes[size], and those of `owner` must be the same, and each takes its own. On failure all have
+ * given up. */
+SBI_API sb_result sbi_state_parts_check(const sb_body *owner, const sb_body *body, const unsigned char *bytes,
+                                        size_t size, sb_error *error);
 SBI_API void sbi_state_parts_give_up(const sb_body *owner);
 SBI_API void sbi_state_parts_load(const sb_body *owner, const unsigned char *bytes);
 /* The first ints of a part's command name it. */

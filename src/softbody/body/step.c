@@ -1,5 +1,5 @@
-/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See step_residual.c
- * for what is solved. */
+/* step: one Newton driver for time steps and static solves, time steps in parts, and explicit steps. See
+ * step_residual.c for what is solved. */
 #include "step.h"
 
 #include <string.h>
@@ -69,8 +69,8 @@ SBI_API sb_result sbi_step_solve(sbi_step *step)
     return sbi_step_project(step, result);
 }
 
-/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried at
- * once (the next step finds its forces done): the body must stay steppable. */
+/* The one iteration of a linearised step is done. Where the material forbids inverted elements the new shape is tried
+ * at once (the next step finds its forces done): the body must stay steppable. */
 static sb_result sbi_step_end_linearised(sbi_step *step)
 {
     sb_body *b = step->body;

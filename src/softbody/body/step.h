@@ -6,21 +6,21 @@
 
 /* What a step or a static solve did. Every field is written by every call, failed ones too. */
 typedef struct sb_step_info {
-    int newton_iterations;    /* linear systems solved; an iteration whose exact tangent fails solves two */
-    int pcg_iterations;       /* of all of them together */
-    int substeps;             /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
-    int load_steps;           /* static: load increments that converged; a time step: 1 */
-    sb_real load_factor;      /* static: share of load and prescribed motion carried, 1 when done */
-    sb_real residual;         /* out-of-balance force relative to the largest force, at the last check; a linearised
-                               * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
-                               * that where it is largest */
-    int capped;               /* 1: an iteration cap was hit and the best state so far was taken */
-    double seconds_force;     /* with a clock, otherwise 0: rotations and internal forces, */
-    double seconds_tangent;   /* assembly, */
-    double seconds_precond;   /* preconditioner set-up, */
-    double seconds_solve;     /* conjugate gradients, */
-    double seconds_total;     /* and the whole call */
-    sb_error error;           /* result, message, element or node when the call failed */
+    int newton_iterations;  /* linear systems solved; an iteration whose exact tangent fails solves two */
+    int pcg_iterations;     /* of all of them together */
+    int substeps;           /* SB_CENTRAL_DIFFERENCE: explicit steps taken; otherwise 0 */
+    int load_steps;         /* static: load increments that converged; a time step: 1 */
+    sb_real load_factor;    /* static: share of load and prescribed motion carried, 1 when done */
+    sb_real residual;       /* out-of-balance force relative to the largest force, at the last check; a linearised
+                             * step (max_newton 1): |b - A x| / |b| of its linear solve. Of several connected parts
+                             * that where it is largest */
+    int capped;             /* 1: an iteration cap was hit and the best state so far was taken */
+    double seconds_force;   /* with a clock, otherwise 0: rotations and internal forces, */
+    double seconds_tangent; /* assembly, */
+    double seconds_precond; /* preconditioner set-up, */
+    double seconds_solve;   /* conjugate gradients, */
+    double seconds_total;   /* and the whole call */
+    sb_error error;         /* result, message, element or node when the call failed */
 } sb_step_info;
 
 /* Advances the body by dt (s, > 0) with its integrator. Supports reach their targets exactly.
@@ -69,23 +69,23 @@ SB_API sb_result sb_body_stable_step(sb_body *body, sb_real *dt, sb_error *error
 
 /* How a static solve goes about its work. Start from sb_default_static_options(). */
 typedef struct sb_static_options {
-    int load_steps;           /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
-                               * default 1 */
-    sb_real tolerance;        /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
-                               * default 1e-6; what is below 64 epsilon counts as that */
-    int max_newton;           /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
-                               * rotation per element converge linearly and take at least 300 */
-    int max_iterations;       /* of each linear solve, >= 1; default 20000 */
-    int quasi_newton;         /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
-                               * corotated tets several times cheaper to assemble, but convergence is linear, which
-                               * pays where the tolerance is loose; default 0 */
-    int keep_progress;        /* 1: on failure the body stays at the last converged increment; 0 (default): it
-                               * returns to where it was */
-    int instantaneous;        /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
-                               * (default): the one long after */
+    int load_steps;     /* equal increments to begin with, >= 1; they grow and shrink as Newton converges;
+                         * default 1 */
+    sb_real tolerance;  /* |out-of-balance force| / largest of load and reaction, (0, 1), in each connected part;
+                         * default 1e-6; what is below 64 epsilon counts as that */
+    int max_newton;     /* iterations per increment before it is halved, >= 1; default 30. Bodies with a single
+                         * rotation per element converge linearly and take at least 300 */
+    int max_iterations; /* of each linear solve, >= 1; default 20000 */
+    int quasi_newton;   /* 1: the tangent SB_TANGENT_QUASI as long as each iteration halves the residual: of
+                         * corotated tets several times cheaper to assemble, but convergence is linear, which
+                         * pays where the tolerance is loose; default 0 */
+    int keep_progress;  /* 1: on failure the body stays at the last converged increment; 0 (default): it
+                         * returns to where it was */
+    int instantaneous;  /* with Prony terms, 1: the response to a sudden load, before anything relaxes; 0
+                         * (default): the one long after */
     void (*progress)(void *user, const sb_step_info *info); /* after each increment, or NULL */
     void *progress_user;
-    unsigned cookie;          /* set by sb_default_static_options */
+    unsigned cookie; /* set by sb_default_static_options */
 } sb_static_options;
 
 SB_API sb_static_options sb_default_static_options(void);

@@ -29,9 +29,9 @@ enum { SBI_EXPLICIT_SWEEPS = 12 }; /* of the iteration for the bound: its gain p
 
 /* How a call goes about its way. */
 typedef struct sbi_explicit_plan {
-    sb_real margin;           /* substeps are at most this share of the stable step */
-    int interval;             /* substeps between looks, each of which costs as much as some ten forces */
-    double factor;            /* energy over that of the ledger that is taken for granted */
+    sb_real margin; /* substeps are at most this share of the stable step */
+    int interval;   /* substeps between looks, each of which costs as much as some ten forces */
+    double factor;  /* energy over that of the ledger that is taken for granted */
 } sbi_explicit_plan;
 
 static const sbi_explicit_plan sbi_explicit_plans[SBI_EXPLICIT_CAUTION + 1] = {
@@ -41,19 +41,16 @@ typedef struct sbi_explicit {
     sb_body *body;
     sb_step_info *info;
     const sbi_explicit_plan *plan;
-    int last_resort;          /* 1: the energy at the start of the call counts, whatever the ledger says */
-    double start_energy;      /* then (J) */
-    double springs;           /* energy of springs and mappings at the present shape (J) */
-    sb_real dt, h;            /* the call's time and the last substep (s) */
+    int last_resort;     /* 1: the energy at the start of the call counts, whatever the ledger says */
+    double start_energy; /* then (J) */
+    double springs;      /* energy of springs and mappings at the present shape (J) */
+    sb_real dt, h;       /* the call's time and the last substep (s) */
 } sbi_explicit;
 
 static double sbi_explicit_now(const sb_body *body) { return body->clock ? body->clock() : 0.0; }
 
 /* Energy that rounding may pretend (J). */
-static double sbi_explicit_noise(const sb_body *b)
-{
-    return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit;
-}
+static double sbi_explicit_noise(const sb_body *b) { return 64 * (double)SB_EPSILON * (double)b->assembly.energy_unit; }
 
 /* ---- the stable step ---- */
 
@@ -326,8 +323,8 @@ static void sbi_explicit_begin(sb_body *b, sb_real dt)
         sbi_explicit_constrained(b, b->velocity, 0);
     }
     for (int i = 0; i < b->domain.node_count; i++)
-        b->velocity[i] = sbi_body_pick_axes(
-            b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
+        b->velocity[i] =
+            sbi_body_pick_axes(b->fixed[i], sb_v3_scale(1 / dt, sb_v3_sub(b->target[i], b->start[i])), b->velocity[i]);
     if (b->elimination)
         sbi_constraint_follow(b, b->velocity, 1 / dt);
     jump = sbi_explicit_kinetic(b) - before;

@@ -1,5 +1,5 @@
-/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their places
- * are kept by conjugate gradients, from which a step of several solves counts on. */
+/* step_guest: guests of a step, see solve/guest.h: what is told to them, and what the iteration hears of them. Their
+ * places are kept by conjugate gradients, from which a step of several solves counts on. */
 #include <math.h>
 #include <string.h>
 
@@ -18,8 +18,8 @@ static sb_result sbi_step_check_slaves(const sb_body *b, const sbi_guests *guest
             int node = guests->list[g]->nodes[k];
             if (b->elimination->slave[node])
                 return sbi_fail_node(error, SB_ERROR_UNSUPPORTED, node,
-                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters", g,
-                                     node);
+                                     "guest %d acts on node %d, which constraints eliminate: let it act on the masters",
+                                     g, node);
         }
     return SB_OK;
 }

@@ -13,15 +13,16 @@
  *     } while (sbi_step_begin_again(&step, &result));
  *     return result == SB_OK ? result : sbi_step_undo(&step, result);
  *
- * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From begin to
- * commit or undo nothing else may change the body.
+ * is sbi_body_step_with, and without guests sb_body_step. A linearised step goes once through the inner loop. From
+ * begin to commit or undo nothing else may change the body.
  *
- * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated step
- * has converged when both are small enough. A guest's rows count by the motion that they stand for, as in conjugate
- * gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions of supports are
- * what they hold of guests, too: the sum of all forces on the body, those of guests included, is its change of momentum.
- * Where the acceleration that Newmark and generalised alpha start from is not known (a body's first step, or the first after
- * displacements were set, constraints changed, a static solve), guests take part in finding it. */
+ * With guests (solve/guest.h) the residual is that of the body less the guests' forces, and their own rows: an iterated
+ * step has converged when both are small enough. A guest's rows count by the motion that they stand for, as in
+ * conjugate gradients. Where a line search shortens the increment, unknowns of guests are shortened with it. Reactions
+ * of supports are what they hold of guests, too: the sum of all forces on the body, those of guests included, is its
+ * change of momentum. Where the acceleration that Newmark and generalised alpha start from is not known (a body's first
+ * step, or the first after displacements were set, constraints changed, a static solve), guests take part in finding
+ * it. */
 #ifndef SB_STEP_PARTS_H
 #define SB_STEP_PARTS_H
 
@@ -32,22 +33,22 @@
 typedef struct sbi_step {
     sb_body *body;
     sb_step_info *info;
-    sb_step_info own_info;    /* where the caller wants none */
-    double begun;             /* on the body's clock (s) */
-    int dynamic;              /* 1: a time step; 0: a static solve */
-    int done;                 /* 1: nothing is left to be solved */
-    int iteration;            /* of Newton, from 0 */
-    sb_tangent_kind kind;     /* of the tangent in A */
-    sbi_guests guests;        /* solved together with the body */
-    int guests_begun;         /* those of them that have begun */
-    int starts;               /* 1: this is no step but the search for the accelerations that it starts from */
+    sb_step_info own_info; /* where the caller wants none */
+    double begun;          /* on the body's clock (s) */
+    int dynamic;           /* 1: a time step; 0: a static solve */
+    int done;              /* 1: nothing is left to be solved */
+    int iteration;         /* of Newton, from 0 */
+    sb_tangent_kind kind;  /* of the tangent in A */
+    sbi_guests guests;     /* solved together with the body */
+    int guests_begun;      /* those of them that have begun */
+    int starts;            /* 1: this is no step but the search for the accelerations that it starts from */
 
     /* what is solved */
-    sb_real dt;               /* s */
-    sb_real hold;             /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
-    sb_real cv, ca;           /* dv/du (1/s) and da/du (1/s^2) */
+    sb_real dt;     /* s */
+    sb_real hold;   /* factor of the mass in A of a static iteration that nothing else may hold (1/s^2) */
+    sb_real cv, ca; /* dv/du (1/s) and da/du (1/s^2) */
     sb_real known_velocity[2], known_acceleration[2]; /* factors of v and a at the start in v and a, of free axes */
-    sb_real load_factor;      /* share of the way from start to target the supports go */
+    sb_real load_factor;                              /* share of the way from start to target the supports go */
     sb_real loads_factor;     /* share of the way from the values of the last static solve to the present ones that
                                * loads that follow the body have: 1 in a time step */
     sb_real level;            /* share of the step after which u, v and the forces balance: 1, or 1 - alpha_f */
@@ -57,28 +58,29 @@ typedef struct sbi_step {
     sb_real linear_tolerance; /* of the linear solves; adaptive when 0 */
     int max_newton, max_iterations;
     int line_search;
-    int linearised;           /* one iteration, taken as it is */
-    int lagged_damping;       /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
-                               * has it in A already */
-    int has_velocity;         /* v may differ from 0 at the current u */
+    int linearised;     /* one iteration, taken as it is */
+    int lagged_damping; /* D's K is the one at the start of the step, in body->damping_blocks; a linearised step
+                         * has it in A already */
+    int has_velocity;   /* v may differ from 0 at the current u */
 
     /* where it is */
-    int moves_supports;       /* the present increment moves supported nodes or closes gaps of constraints */
-    int opens_gaps;           /* the part of the increment that closes gaps is still to be added to the solution */
-    sb_real scale;            /* largest force (N), to compare residuals with */
-    sb_real load_size;        /* times epsilon: rounding of the forces of springs (N) */
-    sb_real norm, last_norm;  /* residual on free axes (N), now and one iteration ago */
-    sb_real energy;           /* elastic (J), at the current u; valid when energy_known */
+    int moves_supports;      /* the present increment moves supported nodes or closes gaps of constraints */
+    int opens_gaps;          /* the part of the increment that closes gaps is still to be added to the solution */
+    sb_real scale;           /* largest force (N), to compare residuals with */
+    sb_real load_size;       /* times epsilon: rounding of the forces of springs (N) */
+    sb_real norm, last_norm; /* residual on free axes (N), now and one iteration ago */
+    sb_real energy;          /* elastic (J), at the current u; valid when energy_known */
     int energy_known;
-    int cautious;             /* 1: the last increment had to be cut short, so project the next tangent */
-    int quasi;                /* 1: the quasi tangent, as long as each iteration halves the residual */
+    int cautious; /* 1: the last increment had to be cut short, so project the next tangent */
+    int quasi;    /* 1: the quasi tangent, as long as each iteration halves the residual */
 } sbi_step;
 
-/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent, constraints
- * and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what their solves need
- * is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT, SB_ERROR_INDEX (see
- * sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a guest on a node with an
- * axis that constraints eliminate (error.node; its masters serve); what the material, the solver or a guest refuses. */
+/* Starts a step of dt (s): keeps what undo gives back, then makes the first linear system: residual, tangent,
+ * constraints and preconditioner. guests[guest_count] (NULL where there are none) are used until commit or undo; what
+ * their solves need is taken here, so that later nothing is allocated. info may be NULL. SB_ERROR_ARGUMENT,
+ * SB_ERROR_INDEX (see sbi_guests_check), SB_ERROR_MEMORY; SB_ERROR_UNSUPPORTED of a body with explicit steps, and of a
+ * guest on a node with an axis that constraints eliminate (error.node; its masters serve); what the material, the
+ * solver or a guest refuses. */
 SBI_API sb_result sbi_step_begin(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,
                                  sb_step_info *info, sbi_step *step);
 /* Solves the present linear system for the body's increment and the guests' unknowns. Where the exact tangent is not
@@ -87,14 +89,15 @@ SBI_API sb_result sbi_step_solve(sbi_step *step);
 /* Takes the increment or, where a line search watches it, a share of it. Unless done is 1 afterwards, the next linear
  * system is ready. */
 SBI_API sb_result sbi_step_advance(sbi_step *step);
-/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the recorder
- * is told. A failure leaves the step open, as do all failures above. */
+/* Ends a step that is done: velocities, accelerations, reactions, loads' readings, what materials remember; the
+ * recorder is told. A failure leaves the step open, as do all failures above. */
 SBI_API sb_result sbi_step_commit(sbi_step *step);
-/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised alpha
- * extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search sees
- * it. */
+/* 1 when the step may yet succeed in another way: *result, which failed, is then that of a new beginning. Generalised
+ * alpha extrapolates: where the material does not admit the end, the balance is tried at the end, where the line search
+ * sees it. */
 SBI_API int sbi_step_begin_again(sbi_step *step, sb_result *result);
-/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns result. */
+/* Ends a step that failed: body and guests are as they were before, the recorder is told, info says why. Returns
+ * result. */
 SBI_API sb_result sbi_step_undo(sbi_step *step, sb_result result);
 /* All of it: the loop above. With guest_count 0 sb_body_step, also of explicit bodies. */
 SBI_API sb_result sbi_body_step_with(sb_body *body, sb_real dt, const sbi_guest *const *guests, int guest_count,

@@ -33,9 +33,9 @@ SBI_API int sbi_step_allows_inversion(const sb_body *body);
 SBI_API sb_result sbi_step_take_guests(sbi_step *step, const sbi_guest *const *list, int count);
 /* The system is made, but for its preconditioner: guests begin. */
 SBI_API sb_result sbi_step_begin_guests(sbi_step *step, sb_matrix *matrix);
-/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the next
- * system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale where they
- * lie in several. Only when guests have begun, as the next two. */
+/* The residual with guests on free axes, 0 where guests have taken the equation, in their space's `rest`, until the
+ * next system is made. Guests count with the part of the matrix that they lie in; with the one of the largest scale
+ * where they lie in several. Only when guests have begun, as the next two. */
 SBI_API void sbi_step_guest_residual(sbi_step *step, const sb_matrix *parts);
 /* The guests' part of the norm's square in this part (N^2); -1: of all that lie in one. */
 SBI_API double sbi_step_guest_square(const sbi_step *step, int part);
@@ -56,7 +56,8 @@ SBI_API int sbi_step_supports_move(const sbi_step *step);
 SBI_API sb_result sbi_step_make_system(sbi_step *step);
 /* Solves it for the body's increment, with guests. */
 SBI_API sb_result sbi_step_solve_system(sbi_step *step);
-/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests' forces. */
+/* Reactions: r on supported axes. Of a linearised step r + A du, since its r is the one before du. Less guests'
+ * forces. */
 SBI_API void sbi_step_reactions(const sbi_step *step);
 
 /* ---- step_search.c ---- */

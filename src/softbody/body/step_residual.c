@@ -197,7 +197,8 @@ static void sbi_step_add_loads(sbi_step *step)
     sbi_step_raise_scale(step, b->follower, SBI_STEP_ALL);
 }
 
-/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have theirs. */
+/* The residual that has to vanish on the free axes: slaves have handed theirs to their masters, and guests have
+ * theirs. */
 static const sb_vec3 *sbi_step_unbalanced(const sbi_step *step)
 {
     const sb_body *b = step->body;
@@ -267,8 +268,8 @@ SBI_API sb_result sbi_step_evaluate(sbi_step *step)
     return SB_OK;
 }
 
-/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more than
- * `rounding` (N). */
+/* Largest residual of a part over the part's forces, into info. Returns 1 when each meets the tolerance, or is no more
+ * than `rounding` (N). */
 static int sbi_step_parts_meet(sbi_step *step, sb_real rounding)
 {
     const sb_body *b = step->body;

@@ -29,8 +29,8 @@ static sb_result sbi_step_lumped_acceleration(sbi_step *step)
     return SB_OK;
 }
 
-/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands for
- * the acceleration ca d: as good as their forces and masses at the start. */
+/* M a = -residual. Guests are asked for what they do in a time that is next to nothing, in which the unknown d stands
+ * for the acceleration ca d: as good as their forces and masses at the start. */
 static sb_result sbi_step_solve_acceleration(sbi_step *start)
 {
     const sb_real instants = 1000; /* in a step: what a guest holds with a spring then counts a millionth */
@@ -78,8 +78,8 @@ SBI_API sb_result sbi_step_initial_acceleration(sbi_step *step)
     if (b->elimination)
         return sbi_step_lumped_acceleration(step);
     for (int i = 0; i < n; i++) /* a reduced mass may be singular: its lumped sister is not */
-        b->acceleration[i] = sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0),
-                                                sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
+        b->acceleration[i] =
+            sbi_body_pick_axes(b->fixed[i], sb_v3(0, 0, 0), sb_v3_scale(-1 / b->lumped_mass[i], b->residual[i]));
     return SB_OK;
 }
 
@@ -173,9 +173,8 @@ static sb_result sbi_step_finish_alpha(sbi_step *step)
     sb_body *b = step->body;
     memcpy(b->converged, b->displacement, (size_t)b->domain.node_count * sizeof(sb_vec3));
     for (int i = 0; i < b->domain.node_count; i++)
-        b->displacement[i] =
-            sbi_body_pick_axes(b->fixed[i], b->target[i],
-                               sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
+        b->displacement[i] = sbi_body_pick_axes(b->fixed[i], b->target[i],
+                                                sbi_step_extrapolate(b->start[i], b->displacement[i], step->level));
     if (b->elimination)
         sbi_elimination_follow(b->elimination, b->displacement, 1);
     b->force_current = 0;
@@ -193,8 +192,7 @@ SBI_API sb_result sbi_step_finish(sbi_step *step)
             a = sbi_step_extrapolate(b->acceleration[i], a, step->inertia_level);
         }
         if (!sb_v3_is_finite(v) || !sb_v3_is_finite(a))
-            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite",
-                                 i);
+            return sbi_fail_node(&step->info->error, SB_ERROR_DIVERGED, i, "the velocity of node %d is not finite", i);
         b->velocity[i] = v;
         b->acceleration[i] = a;
     }

@@ -15,9 +15,9 @@ static sb_real sbi_step_dot(const sb_vec3 *a, const sb_vec3 *b, int count)
 /* Potential along du without the elastic energy: t * linear + t^2 * quadratic + t^3 * cubic, from inertia, damping and
  * loads. Pressures may have no potential; the work they do along the line serves in its place. */
 typedef struct sbi_step_line {
-    sb_real slope;      /* r . du, what Armijo asks a share of */
+    sb_real slope; /* r . du, what Armijo asks a share of */
     sb_real linear, quadratic, cubic;
-    sb_real load_size;  /* sum of what the loads that follow the body add: for rounding */
+    sb_real load_size; /* sum of what the loads that follow the body add: for rounding */
 } sbi_step_line;
 
 static void sbi_step_add_guest_line(const sbi_step *step, sbi_step_line *line)
@@ -148,9 +148,9 @@ static sb_result sbi_step_search(sbi_step *step)
         if (!sbi_step_try(step, b->work2, &energy, &bad))
             continue;
         change = energy - step->energy + t * line.linear + t * t * line.quadratic + t * t * t * line.cubic;
-        noise = 32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) +
-                                   t * line.load_size) +
-                4 * SB_EPSILON * b->assembly.energy_unit;
+        noise =
+            32 * SB_EPSILON * (sb_abs(energy) + sb_abs(step->energy) + sb_abs(t * line.linear) + t * line.load_size) +
+            4 * SB_EPSILON * b->assembly.energy_unit;
         if (change <= (sb_real)1e-4 * t * line.slope + noise) {
             sbi_step_take(step, b->work2, energy, t, t);
             step->cautious = t < 1;

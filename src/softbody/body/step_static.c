@@ -109,7 +109,7 @@ static void sbi_static_commit(sbi_step *step)
     } else if (b->force_current)
         for (int i = 0; i < b->domain.node_count; i++)
             b->reaction[i] = sbi_body_pick_axes(b->node_component[i] < 0 ? 0 : b->fixed[i],
-                                           sb_v3_sub(b->internal[i], b->external[i]), zero);
+                                                sb_v3_sub(b->internal[i], b->external[i]), zero);
     b->acceleration_known = 0;
 }
 

@@ -1,4 +1,5 @@
-/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution, reactions. */
+/* step_system: the linear system of one Newton iteration: supports, constraints, preconditioner, solution,
+ * reactions. */
 #include <string.h>
 
 #include "constraint.h"

@@ -30,8 +30,7 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
         assembly->chunk_size = sbi_assembly_chunk_size(domain->cell_count);
     assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
     chunks = (cells - 1) / (size_t)assembly->chunk_size + 1;
-    assembly->rotations =
-        (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
+    assembly->rotations = (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->saved_rotations =
         (sb_quat *)sbi_arena_take(arena, cells, (size_t)domain->points_per_cell * sizeof(sb_quat));
     assembly->shares = (sb_material *)sbi_arena_take(arena, (size_t)material_count, 2 * sizeof(sb_material));
@@ -188,7 +187,7 @@ typedef enum sbi_assembly_work {
 typedef struct sbi_assembly_job {
     sbi_assembly *assembly;
     sbi_assembly_work work;
-    const int *chunks;          /* of the running colour */
+    const int *chunks; /* of the running colour */
     const sb_vec3 *u;
     sb_vec3 *force;
     sb_matrix *matrix;
@@ -278,7 +277,8 @@ static int sbi_cell_rotate(const sbi_assembly *assembly, int e, const sb_vec3 *u
             rotation[p] = sb_m3_polar(f[p], rotation[p]);
         return assembly->unknots && sbi_assembly_unknot(assembly, e, u, f, rotation);
     }
-    rotation[0] = sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
+    rotation[0] =
+        sb_m3_polar(sbi_assembly_mean_gradient(f, assembly->domain->weights + (size_t)e * (size_t)q, q), rotation[0]);
     for (int p = 1; p < q; p++)
         rotation[p] = rotation[0];
     return 1;
@@ -324,14 +324,14 @@ static sb_mat3 sbi_point_prestress(const sbi_assembly *assembly, int e, int p)
 }
 
 /* P += fibres + F H at all points; 0, and its flag (flags may be NULL), where the fibres do not admit F. */
-static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress, int *flags)
+static int sbi_cell_add_extra_stresses(const sbi_assembly *assembly, int e, const sb_mat3 *f, sb_mat3 *stress,
+                                       int *flags)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)assembly->domain->points_per_cell;
     int admissible = 1;
     for (int p = 0; p < sbi_cell_fibre_points(assembly, material); p++)
-        if ((weights[p] > 0 || flags) &&
-            !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
+        if ((weights[p] > 0 || flags) && !sbi_fibre_stress(material, &f[p], assembly->fibres[e], &stress[p])) {
             admissible = 0;
             if (flags)
                 flags[p] = 0;
@@ -376,13 +376,12 @@ static sb_mat3 sbi_point_semidefinite(sb_mat3 a)
 }
 
 /* A_ijkl += fibres + delta_ik H_jl, without H's negative part when the tangent has to be semidefinite. */
-static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f, sb_tangent_kind kind,
-                                       sb_real *tangent)
+static int sbi_point_add_extra_tangent(const sbi_assembly *assembly, int e, int p, const sb_mat3 *f,
+                                       sb_tangent_kind kind, sb_real *tangent)
 {
     const sb_material *material = sbi_cell_shares(assembly, e);
     sb_mat3 h;
-    if (p < sbi_cell_fibre_points(assembly, material) &&
-        !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
+    if (p < sbi_cell_fibre_points(assembly, material) && !sbi_fibre_tangent(material, f, assembly->fibres[e], tangent))
         return 0;
     if (material->prony_count == 0)
         return 1;
@@ -489,8 +488,8 @@ SBI_FORCE_INLINE int sbi_chunk_force(const sbi_assembly_job *job, int begin, int
 /* ---- energy ---- */
 
 /* Energy of a cell; 0 when one of its points has an inadmissible F. */
-SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f, const int q,
-                                     const int scheme, const sb_quat *start, sb_real *sum)
+SBI_FORCE_INLINE int sbi_cell_energy(const sbi_assembly *assembly, int e, const sb_vec3 *u, const sb_mat3 *f,
+                                     const int q, const int scheme, const sb_quat *start, sb_real *sum)
 {
     const sb_material *shares = sbi_cell_shares(assembly, e);
     const sb_real *weights = assembly->domain->weights + (size_t)e * (size_t)q;
@@ -592,8 +591,8 @@ SBI_FORCE_INLINE void sbi_cell_add_tangent(const sb_real *tangent, const sb_real
             for (int k = 0; k < 3; k++) {
                 sb_real *SB_RESTRICT out = blocks + (9 * a + 3 * i + k) * n;
                 for (int b = 0; b < n; b++)
-                    out[b] += t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] +
-                              t[i][3 * k + 2] * by_axis[2][b];
+                    out[b] +=
+                        t[i][3 * k] * by_axis[0][b] + t[i][3 * k + 1] * by_axis[1][b] + t[i][3 * k + 2] * by_axis[2][b];
             }
     }
 }
@@ -659,28 +658,28 @@ SBI_FORCE_INLINE int sbi_chunk_tangent(const sbi_assembly_job *job, int begin, i
 
 /* ---- instances per element type ---- */
 
-#define SBI_EACH_ELEMENT(CALL)                                                                                  \
-    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                 \
-    case SB_TET4: CALL(4, 1, 0); break;                                                                         \
-    case SB_TET10:                                                                                              \
-        if (domain->points_per_cell != 4) {                                                                     \
-            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                         \
-        } else if (domain->single_rotation) {                                                                   \
-            CALL(10, 4, SBI_CELL_SINGLE);                                                                       \
-        } else {                                                                                                \
-            CALL(10, 4, SBI_CELL_PLAIN);                                                                        \
-        }                                                                                                       \
-        break;                                                                                                  \
-    case SB_HEX8:                                                                                               \
-        if (domain->mean_point) {                                                                               \
-            CALL(8, 9, SBI_CELL_MEAN);                                                                          \
-        } else {                                                                                                \
-            CALL(8, 8, SBI_CELL_PLAIN);                                                                         \
-        }                                                                                                       \
-        break;                                                                                                  \
-    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                         \
-    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                         \
-    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                                   \
+#define SBI_EACH_ELEMENT(CALL)                                                                                         \
+    switch (sbi_element_type_or_pinned(domain->element_type)) {                                                        \
+    case SB_TET4: CALL(4, 1, 0); break;                                                                                \
+    case SB_TET10:                                                                                                     \
+        if (domain->points_per_cell != 4) {                                                                            \
+            CALL(10, domain->points_per_cell, sbi_cell_scheme(domain));                                                \
+        } else if (domain->single_rotation) {                                                                          \
+            CALL(10, 4, SBI_CELL_SINGLE);                                                                              \
+        } else {                                                                                                       \
+            CALL(10, 4, SBI_CELL_PLAIN);                                                                               \
+        }                                                                                                              \
+        break;                                                                                                         \
+    case SB_HEX8:                                                                                                      \
+        if (domain->mean_point) {                                                                                      \
+            CALL(8, 9, SBI_CELL_MEAN);                                                                                 \
+        } else {                                                                                                       \
+            CALL(8, 8, SBI_CELL_PLAIN);                                                                                \
+        }                                                                                                              \
+        break;                                                                                                         \
+    case SB_HEX20: CALL(20, 27, SBI_CELL_PLAIN); break;                                                                \
+    case SB_HEX27: CALL(27, 27, SBI_CELL_PLAIN); break;                                                                \
+    default: CALL(domain->nodes_per_cell, domain->points_per_cell, SBI_CELL_PLAIN); break;                             \
     }
 
 static int sbi_chunk_force_any(sbi_assembly_job *job, int begin, int end)
@@ -749,7 +748,8 @@ SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms,
     if (terms <= assembly->terms)
         return SB_OK;
     stride = 6 * (1 + (size_t)terms);
-    history = (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
+    history =
+        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
     if (!prestress)
         prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
     if (!history || !prestress) {
@@ -826,8 +826,9 @@ static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
             continue;
         relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
         for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(
-                &relaxed, !split ? SBI_SHARE_WHOLE : k ? SBI_SHARE_VOLUME : SBI_SHARE_SHEAR);
+            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
+                                                                          : k    ? SBI_SHARE_VOLUME
+                                                                                 : SBI_SHARE_SHEAR);
     }
 }
 
@@ -865,7 +866,7 @@ typedef struct sbi_memory_job {
     sbi_assembly *assembly;
     const sb_vec3 *u; /* the end of a step of dt, or NULL */
     sb_real dt;
-    int material;     /* of the cells in question, or -1 */
+    int material; /* of the cells in question, or -1 */
 } sbi_memory_job;
 
 /* The memory of a cell moves on to the end of a step. */
@@ -905,7 +906,8 @@ static void sbi_memory_chunk(void *user, int chunk)
     sbi_assembly *assembly = job->assembly;
     for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
         int index = assembly->cell_material[e];
-        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 || (job->material >= 0 && job->material != index))
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
+            (job->material >= 0 && job->material != index))
             continue;
         if (job->u)
             sbi_memory_advance_cell(job, e);
@@ -927,7 +929,10 @@ static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, 
     return 1;
 }
 
-SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt) { return sbi_memory_run(assembly, NULL, dt, -1); }
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
+{
+    return sbi_memory_run(assembly, NULL, dt, -1);
+}
 
 SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
 {

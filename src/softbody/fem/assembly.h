@@ -12,49 +12,49 @@
 
 typedef struct sbi_assembly {
     const sb_domain *domain;
-    const sb_material *materials;  /* [material_count] */
+    const sb_material *materials; /* [material_count] */
     int material_count;
-    const int *cell_material;      /* [cell_count] index into materials */
-    sb_material *shares;           /* [material_count][2] what a cell's points and its mean point evaluate at present:
-                                    * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
-    sb_material *relaxing;         /* [material_count][2] what their Prony terms relax */
-    const sb_vec3 *fibres;         /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
-                                    * fibres */
+    const int *cell_material; /* [cell_count] index into materials */
+    sb_material *shares;      /* [material_count][2] what a cell's points and its mean point evaluate at present:
+                               * the shares of a B-bar cell (otherwise the whole), relaxed for the present step */
+    sb_material *relaxing;    /* [material_count][2] what their Prony terms relax */
+    const sb_vec3 *fibres;    /* [cell_count] unit directions at rest or 0, borrowed; there when a material has
+                               * fibres */
     const sb_jobs *jobs;
-    const sb_vec3 *reference;      /* [node_count] (m) */
-    int unknots;                   /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
-                                    * energy watches: the rule makes it jump */
-    sb_real energy_unit;           /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
-                                    * size of the moduli, so this times epsilon is their rounding error */
-    int batched;                   /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
-    sb_quat *rotations;            /* [cell_count][points_per_cell] warm starts of the polar rotations */
-    sb_quat *saved_rotations;      /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
-    int *scatter;                  /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
+    const sb_vec3 *reference; /* [node_count] (m) */
+    int unknots;              /* 1: forces give a knotted cell one rotation. Only for linearised steps, which no
+                               * energy watches: the rule makes it jump */
+    sb_real energy_unit;      /* sum of w (lambda + 2 mu) (J): energy densities are differences of numbers of the
+                               * size of the moduli, so this times epsilon is their rounding error */
+    int batched;              /* 1: tet4 or tet10 with every material corotated: the batched loops hold */
+    sb_quat *rotations;       /* [cell_count][points_per_cell] warm starts of the polar rotations */
+    sb_quat *saved_rotations; /* [cell_count][points_per_cell] for sbi_assembly_restore_rotations */
+    int *scatter;             /* [cell_count][n (n + 1) / 2] matrix block of the pair (a, b), a <= b */
     int chunk_size, chunk_count;
     int colour_count;
-    int *colour_start;             /* [colour_count + 1] into colour_chunks */
-    int *colour_chunks;            /* [chunk_count] */
-    sb_real *chunk_energy;         /* [chunk_count] (J) */
-    int *chunk_bad_cell;           /* [chunk_count] first cell with an inadmissible F, or -1 */
+    int *colour_start;     /* [colour_count + 1] into colour_chunks */
+    int *colour_chunks;    /* [chunk_count] */
+    sb_real *chunk_energy; /* [chunk_count] (J) */
+    int *chunk_bad_cell;   /* [chunk_count] first cell with an inadmissible F, or -1 */
 
     /* memory of materials with Prony terms, NULL before the first */
-    int viscous;                   /* 1: some material has terms now */
-    int terms;                     /* most terms that the memory has room for */
-    sb_real *history;              /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
-                                    * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
-    sb_real *prestress;            /* [cell_count][points_per_cell][6] H of the present step (Pa) */
+    int viscous;        /* 1: some material has terms now */
+    int terms;          /* most terms that the memory has room for */
+    sb_real *history;   /* [cell_count][points_per_cell][1 + terms][6] S0 at the last end of a step, then h_i
+                         * (Pa), in the order 00 11 22 01 12 02; as much again for what is saved of it */
+    sb_real *prestress; /* [cell_count][points_per_cell][6] H of the present step (Pa) */
 
     /* tet4 and tet10 with corotated material (see assembly_batch.h): cells in batches of vector lanes, blocks gathered
      * edge by edge. n nodes and q points per cell */
-    int mixed;                     /* 1: not all cells have the same lambda / mu */
-    sb_real *batch_gradients;      /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
-    sb_real *batch_moduli;         /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
-    sb_real *batch_quats;          /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
+    int mixed;                /* 1: not all cells have the same lambda / mu */
+    sb_real *batch_gradients; /* [batch_count][q][3 (n - 1)][SB_POLAR_LANES]: gradients of nodes 1 .. n - 1 */
+    sb_real *batch_moduli;    /* [batch_count][q][3][SB_POLAR_LANES]: w lambda, w mu, sqrt(w mu) */
+    sb_real *batch_quats;     /* tet4: [batch_count][4][SB_POLAR_LANES], in place of `rotations` */
     sb_real *saved_batch_quats;
-    sb_real *rotated;              /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
-    sb_real *ratios;               /* [cell_count] lambda / mu */
-    int *pair_start;               /* [block_count + 1] into pairs; only blocks above the diagonal have any */
-    int *pairs;                    /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
+    sb_real *rotated;               /* [cell_count][n][q][3] sqrt(w mu) R g_a, and more to spare */
+    sb_real *ratios;                /* [cell_count] lambda / mu */
+    int *pair_start;                /* [block_count + 1] into pairs; only blocks above the diagonal have any */
+    int *pairs;                     /* [cell_count][n (n - 1) / 2] cells and two of their nodes */
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
@@ -85,9 +85,9 @@ SBI_API int sbi_assembly_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3
 /* matrix = factor * tangent at u. Uses the rotations that the last sbi_assembly_force left at the same u. */
 SBI_API int sbi_assembly_tangent(sbi_assembly *assembly, const sb_vec3 *u, sb_tangent_kind kind, sb_real factor,
                                  sb_matrix *matrix);
-/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y: [node_count].
- * Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched. For one product
- * this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
+/* y = K x with the K that sbi_assembly_tangent gives for SB_TANGENT_QUASI and 1, without a matrix; x and y:
+ * [node_count]. Returns 0, and leaves y, for cells or materials that have to be assembled: see sbi_assembly.batched.
+ * For one product this is the faster way; for many with the same K it depends (see sb_body_multiply_tangent). */
 SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y);
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
@@ -134,10 +134,10 @@ SBI_API int sbi_assembly_unknot(const sbi_assembly *assembly, int e, const sb_ve
                                 sb_quat *rotation);
 
 /* Volume times the stress that all points of a cell with one rotation r, that of their mean gradient f, have besides
- * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment: the
- * axial vector sum_ij e_ijk (w P F^T)_ij summed over the cell's points; stiffness: their w mu. Without it the forces of
- * a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where moments are
- * large. */
+ * because the rotation turns with them: P : df is what a change df of f does to the cell's energy through r. moment:
+ * the axial vector sum_ij e_ijk (w P F^T)_ij summed over the cell's points; stiffness: their w mu. Without it the
+ * forces of a cell keep this moment and are the derivative of no energy. Fades where f is nearly inside out and where
+ * moments are large. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness);
 
 /* ---- assembly: readings ---- */

@@ -43,8 +43,7 @@ SBI_API void sbi_batch_layout(sbi_assembly *assembly, const sb_domain *domain, i
         assembly->batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
         assembly->saved_batch_quats = (sb_real *)sbi_arena_take(arena, batches, 4 * lane);
     }
-    assembly->rotated =
-        (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
+    assembly->rotated = (sb_real *)sbi_arena_take(arena, cells + 1, sbi_batch_rotated_size(domain) * sizeof(sb_real));
     assembly->ratios = (sb_real *)sbi_arena_take(arena, cells, sizeof(sb_real));
     if (domain->cell_capacity)
         return; /* pairs are in rings */
@@ -165,7 +164,8 @@ SBI_API void sbi_batch_set_quat(sbi_assembly *assembly, int e, sb_quat quat)
     sb_real values[4];
     values[0] = quat.w, values[1] = quat.x, values[2] = quat.y, values[3] = quat.z;
     for (size_t k = 0; k < 4; k++)
-        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] = values[k];
+        assembly->batch_quats[at + k * SB_POLAR_LANES] = assembly->saved_batch_quats[at + k * SB_POLAR_LANES] =
+            values[k];
 }
 
 SBI_API void sbi_batch_reset_rotations(sbi_assembly *assembly)
@@ -211,8 +211,8 @@ SBI_FORCE_INLINE void sbi_batch_gather(const sb_domain *domain, int batch, const
     }
 }
 
-/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them would
- * otherwise read and write memory for each product. */
+/* Below, loops over lanes hold what can be done in a lane at once: compilers that do not unroll the loops about them
+ * would otherwise read and write memory for each product. */
 
 /* Row i of F += row i of the sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
@@ -230,8 +230,8 @@ SBI_FORCE_INLINE void sbi_batch_deform_row(const sb_real (*SB_RESTRICT d)[SB_POL
 
 /* F = rest I + sum over nodes a >= 1 of (u_a - u_0) g_a^T. */
 SBI_FORCE_INLINE void sbi_batch_deformation(const sb_real (*SB_RESTRICT d)[SB_POLAR_LANES],
-                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n,
-                                            const int rest, sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
+                                            const sb_real (*SB_RESTRICT g)[SB_POLAR_LANES], const int n, const int rest,
+                                            sb_real (*SB_RESTRICT f)[SB_POLAR_LANES])
 {
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < SB_POLAR_LANES; l++)
@@ -502,8 +502,8 @@ static void sbi_batch_force_single(sbi_assembly *assembly, int batch, const sb_r
         for (int k = 0; k < 9; k++)
             for (int l = 0; l < SB_POLAR_LANES; l++)
                 stress[9 * p + k][l] += mu[l] * mean[k][l];
-        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
-                        10, 1, out);
+        sbi_batch_apply(SBI_BATCH_ROWS(stress + 9 * p),
+                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, out);
     }
 }
 
@@ -512,8 +512,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     sbi_batch_rows d[27], f[36], r[36];
     sbi_batch_gather(assembly->domain, batch, u, 10, d);
     for (int p = 0; p < 4; p++)
-        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
-                              10, 1, f + 9 * p);
+        sbi_batch_deformation(SBI_BATCH_ROWS(d), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10,
+                              1, f + 9 * p);
     if (assembly->domain->single_rotation) {
         sbi_batch_force_single(assembly, batch, SBI_BATCH_ROWS(f), r);
         sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(r), 10, force);
@@ -524,8 +524,8 @@ static void sbi_batch_force_tet10(sbi_assembly *assembly, const sb_vec3 *u, sb_v
     for (int p = 0; p < 4; p++) {
         const sb_real *moduli = sbi_batch_moduli_at(assembly, batch, p, 4);
         sbi_batch_stress(SBI_BATCH_ROWS(r + 9 * p), moduli, moduli + SB_POLAR_LANES, f + 9 * p);
-        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p),
-                        SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)), 10, 1, d);
+        sbi_batch_apply(SBI_BATCH_ROWS(f + 9 * p), SBI_BATCH_ROWS(sbi_batch_gradients_at(assembly, batch, p, 10, 4)),
+                        10, 1, d);
     }
     sbi_batch_scatter(assembly->domain, batch, SBI_BATCH_ROWS(d), 10, force);
 }

@@ -39,7 +39,8 @@ SBI_API void sbi_batch_copy_cell(sbi_assembly *to, int cell, const sbi_assembly 
 /* Saves the rotations that the batched loops keep of their own, or brings them back. */
 SBI_API void sbi_batch_copy_rotations(sbi_assembly *assembly, int restore);
 
-/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their rotations. */
+/* force += internal force of the cells begin <= e < end, begin a multiple of SB_POLAR_LANES; updates their
+ * rotations. */
 SBI_API void sbi_batch_force(sbi_assembly *assembly, const sb_vec3 *u, sb_vec3 *force, int begin, int end);
 /* y += R C R^T x of these cells, with the rotations as they are. */
 SBI_API void sbi_batch_multiply(const sbi_assembly *assembly, const sb_vec3 *x, sb_vec3 *y, int begin, int end);

@@ -13,17 +13,18 @@
 typedef struct sbi_assembly_live {
     sb_allocator allocator;
     int node_capacity, cell_capacity, block_capacity;
-    int cell_end;          /* slots before the change at hand */
-    int *corner_first;     /* [node_capacity] or -1 */
-    int *corner_next;      /* [4 cell_capacity] or -1 */
-    int *pair_first;       /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
-    int *pair_next;        /* [6 cell_capacity] by cell and pair of nodes, or -1 */
-    int *place, *last;     /* [node_capacity] scratch */
-    int *rows, row_count;  /* [node_capacity] rows whose maps the change at hand makes anew */
-    unsigned char *marks;  /* [node_capacity] zeros between calls */
-    unsigned char *kept;   /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
+    int cell_end;         /* slots before the change at hand */
+    int *corner_first;    /* [node_capacity] or -1 */
+    int *corner_next;     /* [4 cell_capacity] or -1 */
+    int *pair_first;      /* [block_capacity] of sbi_batch_pair, or -1; read above the diagonal */
+    int *pair_next;       /* [6 cell_capacity] by cell and pair of nodes, or -1 */
+    int *place, *last;    /* [node_capacity] scratch */
+    int *rows, row_count; /* [node_capacity] rows whose maps the change at hand makes anew */
+    unsigned char *marks; /* [node_capacity] zeros between calls */
+    unsigned char
+        *kept; /* [cell_capacity] zeros between calls; corners, as bits, that keep their node in the change at hand */
     uint64_t *node_colours; /* [node_capacity] scratch */
-    int *chunk_nodes;      /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
+    int *chunk_nodes; /* [4 cell_capacity] the nodes of each chunk's cells, each once, from where its cells begin on */
     int *chunk_node_count; /* [chunks], -1: to be listed again */
     int colours_are_old;   /* 1: chunks are to be listed and coloured before the next loop */
     sb_real *units;        /* [chunks] energy units of the chunks */
@@ -31,8 +32,8 @@ typedef struct sbi_assembly_live {
     sb_real *memories;     /* [inherited_capacity][stride] what they remember of viscous stress */
     int inherited_capacity;
     size_t stride;
-    void *memory;          /* of the arrays above */
-    void *arrays;          /* of the assembly's, once they have outgrown the place they were made in */
+    void *memory; /* of the arrays above */
+    void *arrays; /* of the assembly's, once they have outgrown the place they were made in */
 } sbi_assembly_live;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
@@ -44,8 +45,8 @@ SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *
                                        sb_error *error);
 /* Memory for changes that make so many cells. */
 SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error);
-/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation and
- * viscous memory, without a parent those of rest. */
+/* Follows, after domain and matrix and the array of the cells' materials have. A made cell has its parent's rotation
+ * and viscous memory, without a parent those of rest. */
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);

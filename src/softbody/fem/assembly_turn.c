@@ -12,13 +12,13 @@ SBI_API sb_mat3 sbi_assembly_mean_gradient(const sb_mat3 *f, const sb_real *weig
     return volume > 0 ? sb_m3_scale(1 / volume, sum) : sb_m3_identity();
 }
 
-/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does, so
- * that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
+/* The rotation R of the mean gradient f = V R makes no energy of the points least, as that of an ordinary point does,
+ * so that W depends on u through it, too. dW = m . w for dR = [w]x R with the axial vector m of the sum of w P F^T, and
  * df = [w]x f + dV R gives (tr(V) I - V) w = axial(df R^T - R df^T); hence dW = ([n]x R) : df with
  * (tr(V) I - V) n = m. The eigenvalues of that matrix are sums of two principal stretches, 2 at rest; where they come
  * near 0 the cell is about to be inside out and R to jump. There, and where the points have turned so far against each
- * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised steps
- * of violent motion would not be stable. */
+ * other that n exceeds a fifth of stiffness, the stress fades: tangents that keep R do not know it, and linearised
+ * steps of violent motion would not be stable. */
 SBI_API sb_mat3 sbi_assembly_turning_stress(sb_mat3 r, sb_mat3 f, sb_vec3 moment, sb_real stiffness)
 {
     const sb_real least = (sb_real)0.1, most = (sb_real)0.2; /* product of the eigenvalues; |n|/stiffness */

@@ -32,8 +32,7 @@ static sb_mat3 sbi_domain_jacobian(int node_count, const sb_vec3 *x, const sb_re
 }
 
 /* Gradients g_a = Je^-T dN_a/dxi at one point; returns det Je. */
-static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3],
-                                sb_real *gradient)
+static sb_real sbi_domain_point(int node_count, const sb_vec3 *x, const sb_real (*local_gradient)[3], sb_real *gradient)
 {
     sb_mat3 jacobian = sbi_domain_jacobian(node_count, x, local_gradient);
     sb_real det = sb_m3_det(jacobian);
@@ -209,8 +208,7 @@ SB_API sb_result sb_domain_create(const sb_mesh *mesh, sb_integration integratio
     made.table = sbi_mesh_element_kind(mesh).table;
     made.mean_point = integration == SB_INTEGRATION_BBAR;
     made.nodes_per_cell = sb_mesh_element_width(mesh);
-    made.points_per_cell =
-        sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
+    made.points_per_cell = sbi_element_quadrature(sbi_mesh_element_kind(mesh), kind, points, weights) + made.mean_point;
     result = sbi_domain_allocate(mesh, allocator, &made, error);
     if (result == SB_OK)
         result = sbi_domain_fill(&made, kind, mesh->nodes, NULL, error);
@@ -291,7 +289,8 @@ static sb_result sbi_domain_check_cell(const sb_domain *domain, int e, sb_real *
     const sb_real *mass = domain->cell_mass ? domain->cell_mass + (size_t)e * pairs : NULL;
     if (!sbi_domain_all_finite(weights, q) || !sbi_domain_all_finite(gradients, q * 3 * n) ||
         (mass && !sbi_domain_all_finite(mass, pairs)))
-        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite", e);
+        return sbi_fail_element(error, SB_ERROR_NOT_FINITE, e, "cell %d of the domain has a number that is not finite",
+                                e);
     for (size_t p = 0; p < q; p++) {
         if (!(weights[p] >= 0))
             return sbi_fail_element(error, SB_ERROR_ARGUMENT, e, "point %d of cell %d of the domain has the weight %g",
@@ -385,7 +384,8 @@ static sb_result sbi_domain_grow(sb_domain *domain, int capacity, sb_error *erro
 SBI_API sb_result sbi_domain_make_live(sb_domain *domain, int cell_capacity, sb_error *error)
 {
     if (domain->element_type != SB_TET4 || domain->points_per_cell != 1 || domain->cell_mass)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a mesh that changes is of tet4 without masses of their own, not %s",
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "a mesh that changes is of tet4 without masses of their own, not %s",
                         sb_element_name(domain->element_type));
     return sbi_domain_grow(domain, sbi_max_int(cell_capacity, domain->cell_count), error);
 }
@@ -425,7 +425,8 @@ SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], 
     return share * (sb_m3_det(sbi_domain_jacobian(4, x, (const sb_real(*)[3])rule->slopes)) * rule->volume) > 0;
 }
 
-SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share, sb_error *error)
+SBI_API sb_result sbi_domain_check_tet(const sbi_tet_rule *rule, int e, const sb_vec3 x[4], sb_real share,
+                                       sb_error *error)
 {
     if (sbi_domain_is_upright(rule, x, share))
         return SB_OK;
@@ -456,8 +457,8 @@ SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change,
 /* ---- mass ---- */
 
 /* mass_ab = sum_q w det N_a N_b and load_a = sum_q w det N_a; returns the volume. */
-static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x,
-                                         sb_real *mass, sb_real *load)
+static sb_real sbi_domain_integrate_mass(sbi_element element, sb_quadrature_kind kind, const sb_vec3 *x, sb_real *mass,
+                                         sb_real *load)
 {
     sb_real points[SB_MAX_QUADRATURE_POINTS][3], weights[SB_MAX_QUADRATURE_POINTS];
     sb_real shape[SB_MAX_ELEMENT_NODES], local[SB_MAX_ELEMENT_NODES][3];
@@ -523,10 +524,11 @@ static void sbi_domain_lump(int n, sb_real volume, sb_real *mass)
             mass[a * n + b] = a == b && trace > 0 ? mass[a * n + a] * volume / trace : 0;
 }
 
-/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which a corner is full, the squares of the
- * other nodes' shape functions sum to next to nothing, while their slopes resist like those of any other material; the
- * step that central differences may take falls with the root of the quotient. So every node gets at least a share of what
- * it would have of these masses in the full cell; the cell's mass stays what it is. */
+/* Lumped masses of a cell with a mass of its own: HRZ, lifted where it needs to be; returns 1 then. Of a brick of which
+ * a corner is full, the squares of the other nodes' shape functions sum to next to nothing, while their slopes resist
+ * like those of any other material; the step that central differences may take falls with the root of the quotient. So
+ * every node gets at least a share of what it would have of these masses in the full cell; the cell's mass stays what
+ * it is. */
 static int sbi_domain_lump_part(int n, sb_real volume, const sb_real *full, sb_real *mass)
 {
     sb_real all = 0, sum = 0;
@@ -559,8 +561,7 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 {
     sb_real load[SB_MAX_ELEMENT_NODES];
     int n = sbi_element_node_count(element);
-    sb_real volume =
-        sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
+    sb_real volume = sbi_domain_integrate_mass(element, SB_QUADRATURE_MASS, x, mass, volume_load ? volume_load : load);
     if (kind == SB_MASS_REDUCED)
         sbi_domain_integrate_mass(element, SB_QUADRATURE_STIFFNESS, x, mass, load);
     if (kind == SB_MASS_LUMPED)
@@ -568,7 +569,7 @@ SBI_API void sbi_element_mass(sbi_element element, sb_mass_kind kind, const sb_v
 }
 
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
-                                     sb_real *mass, sb_real *volume_load)
+                                    sb_real *mass, sb_real *volume_load)
 {
     int n = domain->nodes_per_cell;
     const sb_real *own = domain->cell_mass;

@@ -14,34 +14,34 @@
  * (sb_body_def.domain). Several cells may then have the same nodes, and weights may be 0: such a point takes no part,
  * not even where its deformation is one that the material does not admit. */
 typedef struct sb_domain {
-    sb_element_type element_type; /* what the cells are; lets loops run with literal counts */
+    sb_element_type element_type;  /* what the cells are; lets loops run with literal counts */
     const sb_element_table *table; /* of SB_CUSTOM cells, borrowed; else NULL */
-    int single_rotation;          /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
-    int mean_point;               /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
-                                   * gradients and their volume, and stands for the share of the material that resists
-                                   * changes of volume, which the others then leave out */
+    int single_rotation;           /* 1: one rotation per cell, that of its mean deformation gradient (tet10) */
+    int mean_point;                /* 1: the last point of a cell is the mean of the others (B-bar): it has their mean
+                                    * gradients and their volume, and stands for the share of the material that resists
+                                    * changes of volume, which the others then leave out */
     int node_count;
     int cell_count;
     int nodes_per_cell;
     int points_per_cell;
-    int *cells;                   /* [cell_count][nodes_per_cell] */
-    sb_real *gradients;           /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
-    sb_real *weights;             /* [cell_count][points_per_cell]  (m^3) */
-    sb_real *cell_mass;           /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
-                                   * row by row (n nodes per cell); NULL: the cells are elements, full of material */
-    int cell_capacity;            /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
+    int *cells;         /* [cell_count][nodes_per_cell] */
+    sb_real *gradients; /* [cell_count][points_per_cell][nodes_per_cell][3]  (1/m) */
+    sb_real *weights;   /* [cell_count][points_per_cell]  (m^3) */
+    sb_real *cell_mass; /* [cell_count][n (n + 1) / 2] (m^3) what stands for int N_a N_b dV of a cell, pairs a <= b
+                         * row by row (n nodes per cell); NULL: the cells are elements, full of material */
+    int cell_capacity;  /* internal: cells that the arrays have room for, where the mesh may change; otherwise 0 */
     sb_allocator allocator;
 } sb_domain;
 
 /* How a domain integrates its elements. */
 typedef enum sb_integration {
-    SB_INTEGRATION_AUTO = 0,   /* standard; tet10 with curved sides gets the 8-point rule it needs */
+    SB_INTEGRATION_AUTO = 0,     /* standard; tet10 with curved sides gets the 8-point rule it needs */
     SB_INTEGRATION_STANDARD = 1, /* tet4 1, tet10 4, hex8 2x2x2, hex20 and hex27 3x3x3 points, custom its own */
-    SB_INTEGRATION_CURVED = 2, /* tet10 8 points (degree 3); other elements as standard */
-    SB_INTEGRATION_BBAR = 3    /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
-                                * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
-                                * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
-                                * stays as stiff as with the standard rule */
+    SB_INTEGRATION_CURVED = 2,   /* tet10 8 points (degree 3); other elements as standard */
+    SB_INTEGRATION_BBAR = 3      /* hex8 only: shear at 2x2x2 points, volume at one mean point, so that nearly
+                                  * incompressible materials do not lock: a mean gradient B-bar (Hughes 1980, after de
+                                  * Souza Neto et al. 1996 for large strains) with an energy. Bending within an element
+                                  * stays as stiff as with the standard rule */
 } sb_integration;
 
 /* Makes the domain of a volume mesh's elements. single_rotation: 1 for tet10 with one rotation per element.
@@ -58,11 +58,11 @@ SB_API void sb_domain_free(sb_domain *domain);
 
 /* Mass matrices of an element at unit density. */
 typedef enum sb_mass_kind {
-    SB_MASS_LUMPED = 0,     /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
-                             * have masses of their own (cell_mass), no node gets less than half of what it would have of
-                             * cells as full as their stiffness, so that explicit steps stay nearly as long as in full
-                             * cells however little of one is inside; the mass of each part of the body stays what it is,
-                             * and where any node was given more its centre is made exact */
+    SB_MASS_LUMPED = 0, /* diagonal, positive: HRZ scaling of the consistent diagonal (Hinton et al. 1976). Where cells
+                         * have masses of their own (cell_mass), no node gets less than half of what it would have
+                         * of cells as full as their stiffness, so that explicit steps stay nearly as long as in
+                         * full cells however little of one is inside; the mass of each part of the body stays what
+                         * it is, and where any node was given more its centre is made exact */
     SB_MASS_CONSISTENT = 1, /* int N_a N_b dV, integrated exactly */
     SB_MASS_REDUCED = 2     /* int N_a N_b dV with the points of the stiffness, as some industrial solvers do. Of low
                              * rank on tets: for comparisons, with supports */
@@ -92,10 +92,10 @@ SBI_API sb_result sbi_domain_reserve(sb_domain *domain, const sbi_mesh_change *c
 SBI_API void sbi_domain_follow(sb_domain *domain, const sbi_mesh_change *change, const sb_vec3 *positions);
 /* What shapes and masses of tet4 take from their quadrature rules, worked out once for many cells. */
 typedef struct sbi_tet_rule {
-    int count;                                   /* points of the mass */
+    int count; /* points of the mass */
     sb_real weights[SB_MAX_QUADRATURE_POINTS], shapes[SB_MAX_QUADRATURE_POINTS][4];
-    sb_real slopes[4][3];                        /* local gradients, the same at all points */
-    sb_real volume;                              /* weight of the one point of the stiffness */
+    sb_real slopes[4][3]; /* local gradients, the same at all points */
+    sb_real volume;       /* weight of the one point of the stiffness */
 } sbi_tet_rule;
 /* 1 when a share of a tet with corners at x has a volume, as sbi_domain_fill wants it. */
 SBI_API int sbi_domain_is_upright(const sbi_tet_rule *rule, const sb_vec3 x[4], sb_real share);
@@ -109,8 +109,8 @@ SB_INLINE int sbi_domain_is_free(const sb_domain *domain, int cell)
 }
 
 /* As sbi_element_mass for a cell with nodes at x[nodes] (m); cells with a mass of their own have that, to which
- * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one would
- * have had less, else 0. */
+ * SB_MASS_REDUCED makes no difference, and of which every node gets a share when it is lumped: returns 1 where one
+ * would have had less, else 0. */
 SBI_API int sbi_domain_element_mass(const sb_domain *domain, int cell, sb_mass_kind kind, const sb_vec3 *x,
                                     sb_real *mass, sb_real *volume_load);
 SBI_API void sbi_domain_make_tet_rule(const sb_domain *domain, sbi_tet_rule *rule);

@@ -30,8 +30,7 @@ SB_API sb_real sb_material_poisson(const sb_material *material)
 
 /* ---- constructors ---- */
 
-static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson,
-                                           sb_real density)
+static sb_material sbi_material_from_young(sb_material_model model, sb_real young, sb_real poisson, sb_real density)
 {
     sb_material m;
     memset(&m, 0, sizeof m);
@@ -99,8 +98,7 @@ SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d
     return sbi_material_isochoric(SB_MOONEY_RIVLIN, c10, c01, d1, density);
 }
 
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density)
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density)
 {
     sb_material m = sbi_material_isochoric(SB_REDUCED_POLYNOMIAL, c10, 0, d1, density);
     m.c20 = c20;
@@ -116,8 +114,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
 }
 
 /* A count out of range is kept for sb_material_check to refuse; NULL counts as one. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count)
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count)
 {
     material.prony_count = count > 0 && (!g || !tau) ? -1 : count;
     for (int i = 0; i < SB_MAX_PRONY_TERMS; i++) {
@@ -172,8 +169,8 @@ static sb_result sbi_material_check_finite(const sb_material *m, sb_error *error
                    (i == 5 && m->model == SB_MOONEY_RIVLIN) || (i > 5 && m->model == SB_REDUCED_POLYNOMIAL);
         if (read && !sb_is_finite(values[i]))
             return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))",
-                            names[i], (double)values[i]);
+                            "material %s is %g, not finite (Poisson's ratio must be inside (-1, 0.5))", names[i],
+                            (double)values[i]);
     }
     return SB_OK;
 }
@@ -191,8 +188,8 @@ static sb_result sbi_material_check_isochoric(const sb_material *m, sb_error *er
         return sbi_fail(error, SB_ERROR_MATERIAL, "material d1 is %g 1/Pa, must be > 0", (double)m->d1);
     bulk = 2 / m->d1;
     if (sb_abs(m->mu - mu) > tolerance * mu)
-        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa",
-                        (double)m->mu, mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material mu is %g Pa, but 2 %s%s%s is %g Pa", (double)m->mu,
+                        mooney ? "(" : "", name, mooney ? ")" : "", (double)mu);
     if (sb_abs(sb_material_bulk(m) - bulk) > tolerance * bulk)
         return sbi_fail(error, SB_ERROR_MATERIAL, "material lambda + 2 mu/3 is %g Pa, but 2/d1 is %g Pa",
                         (double)sb_material_bulk(m), (double)bulk);
@@ -217,21 +214,19 @@ static sb_result sbi_material_check_prony(const sb_material *m, sb_error *error)
 {
     sb_real sum = 0;
     if (m->prony_count < 0 || m->prony_count > SB_MAX_PRONY_TERMS)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d",
-                        m->prony_count, (int)SB_MAX_PRONY_TERMS);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "material has %d Prony terms, must be 0 to %d", m->prony_count,
+                        (int)SB_MAX_PRONY_TERMS);
     if (m->prony_count > 0 && !sb_material_is_hyperelastic(m->model))
-        return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material has Prony terms, but the %s model is not hyperelastic",
+        return sbi_fail(error, SB_ERROR_MATERIAL, "material has Prony terms, but the %s model is not hyperelastic",
                         m->model == SB_LINEAR ? "linear" : "corotated");
     for (int i = 0; i < m->prony_count; i++) {
         sb_real g = m->prony_g[i], tau = m->prony_tau[i];
         if (!sb_is_finite(g) || !sb_is_finite(tau))
-            return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                            "material Prony term %d has g %g and tau %g s, not finite", i, (double)g,
-                            (double)tau);
+            return sbi_fail(error, SB_ERROR_NOT_FINITE, "material Prony term %d has g %g and tau %g s, not finite", i,
+                            (double)g, (double)tau);
         if (!(g > 0 && g < 1))
-            return sbi_fail(error, SB_ERROR_MATERIAL,
-                            "material Prony term %d has g %g, must be inside (0, 1)", i, (double)g);
+            return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has g %g, must be inside (0, 1)", i,
+                            (double)g);
         if (!(tau > 0))
             return sbi_fail(error, SB_ERROR_MATERIAL, "material Prony term %d has tau %g s, must be > 0", i,
                             (double)tau);
@@ -250,13 +245,12 @@ static sb_result sbi_material_check_moduli(const sb_material *m, sb_error *error
     double young = (double)sb_material_young(m), poisson = (double)sb_material_poisson(m);
     if (!(m->mu > 0))
         return sbi_fail(error, SB_ERROR_MATERIAL,
-                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)",
-                        (double)m->mu, young, poisson);
+                        "material mu is %g Pa, must be > 0 (Young's modulus %g Pa, Poisson's ratio %g)", (double)m->mu,
+                        young, poisson);
     if (!(sb_material_bulk(m) > 0) || !(poisson < 0.5))
-        return sbi_fail(
-            error, SB_ERROR_MATERIAL,
-            "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
-            poisson, (double)sb_material_bulk(m), (double)m->mu);
+        return sbi_fail(error, SB_ERROR_MATERIAL,
+                        "material has Poisson's ratio %g, must be inside (-1, 0.5) (bulk modulus %g Pa, mu %g Pa)",
+                        poisson, (double)sb_material_bulk(m), (double)m->mu);
     return SB_OK;
 }
 
@@ -269,8 +263,8 @@ SB_API sb_result sb_material_check(const sb_material *material, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)material->model);
     result = sbi_material_check_finite(material, error);
     if (result == SB_OK && !(material->density > 0))
-        result = sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0",
-                          (double)material->density);
+        result =
+            sbi_fail(error, SB_ERROR_MATERIAL, "material density is %g kg/m^3, must be > 0", (double)material->density);
     if (result == SB_OK && sbi_material_is_isochoric(material->model))
         result = sbi_material_check_isochoric(material, error);
     if (result == SB_OK)
@@ -333,8 +327,7 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_mat3 stress;
     if (!material || !F || !P || !sbi_material_all_finite(F->m[0], 9) ||
-        !sbi_model_stress((int)material->model, material, F, &q, &stress) ||
-        !sbi_material_all_finite(stress.m[0], 9))
+        !sbi_model_stress((int)material->model, material, F, &q, &stress) || !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = stress;
     if (rotation)
@@ -342,8 +335,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
     return 1;
 }
 
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81])
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81])
 {
     sb_quat q = rotation ? *rotation : sb_quat_identity();
     sb_real tangent[81];
@@ -364,8 +357,7 @@ SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb
 static int sbi_fibre_admits(const sb_material *material, const sb_mat3 *F, sb_vec3 direction, sb_vec3 *unit)
 {
     sb_real largest = sb_max(sb_max(sb_abs(direction.x), sb_abs(direction.y)), sb_abs(direction.z));
-    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) ||
-        !(largest > 0))
+    if (!material || !F || !sbi_material_all_finite(F->m[0], 9) || !sb_v3_is_finite(direction) || !(largest > 0))
         return 0;
     /* By the largest component first, lest squares overflow. */
     direction = sb_v3(direction.x / largest, direction.y / largest, direction.z / largest);
@@ -377,8 +369,7 @@ SB_API int sb_fibre_energy(const sb_material *material, const sb_mat3 *F, sb_vec
 {
     sb_vec3 unit;
     sb_real energy = 0;
-    if (!W || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_energy(material, F, unit, &energy))
+    if (!W || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_energy(material, F, unit, &energy))
         return 0;
     *W += energy;
     return 1;
@@ -388,8 +379,8 @@ SB_API int sb_fibre_stress(const sb_material *material, const sb_mat3 *F, sb_vec
 {
     sb_vec3 unit;
     sb_mat3 stress = sb_m3_zero();
-    if (!P || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_stress(material, F, unit, &stress) || !sbi_material_all_finite(stress.m[0], 9))
+    if (!P || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_stress(material, F, unit, &stress) ||
+        !sbi_material_all_finite(stress.m[0], 9))
         return 0;
     *P = sb_m3_add(*P, stress);
     return 1;
@@ -399,8 +390,8 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 {
     sb_vec3 unit;
     sb_real tangent[81] = {0};
-    if (!A || !sbi_fibre_admits(material, F, direction, &unit) ||
-        !sbi_fibre_tangent(material, F, unit, tangent) || !sbi_material_all_finite(tangent, 81))
+    if (!A || !sbi_fibre_admits(material, F, direction, &unit) || !sbi_fibre_tangent(material, F, unit, tangent) ||
+        !sbi_material_all_finite(tangent, 81))
         return 0;
     for (int i = 0; i < 81; i++)
         A[i] += tangent[i];
@@ -409,10 +400,7 @@ SB_API int sb_fibre_tangent(const sb_material *material, const sb_mat3 *F, sb_ve
 
 /* ---- stress measures ---- */
 
-SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P)
-{
-    return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F));
-}
+SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P) { return sb_m3_scale(1 / sb_m3_det(F), sb_m3_mult(P, F)); }
 
 SB_API sb_mat3 sb_material_cauchy_stress(const sb_material *material, sb_mat3 F, sb_mat3 P)
 {
@@ -517,8 +505,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
 static const int sbi_voigt_row[6] = {0, 1, 2, 0, 1, 0}, sbi_voigt_column[6] = {0, 1, 2, 1, 2, 2};
 
 /* S0 = F^-1 P, symmetric but for rounding. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6])
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6])
 {
     sb_mat3 p;
     sb_real J = sb_m3_det(*F), stress[6];
@@ -550,14 +537,13 @@ SB_API sb_real sb_material_relaxation(const sb_material *material, sb_real time)
 }
 
 /* Stress at the end of a step: of the elastic material that is left of it, and of what it remembers. */
-static int sbi_material_history_total(const sb_material *material, const sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+static int sbi_material_history_total(const sb_material *material, const sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material left = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
     sb_real prestress[6];
     sb_mat3 remembered, stress;
-    if (!sb_material_stress(&left, F, NULL, &stress) ||
-        (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
+    if (!sb_material_stress(&left, F, NULL, &stress) || (fibre && !sb_fibre_stress(&left, F, *fibre, &stress)))
         return 0;
     sbi_prony_prestress(material, dt, history->stress, (const sb_real(*)[6])history->memory, prestress);
     for (int k = 0; k < 6; k++) {
@@ -568,8 +554,8 @@ static int sbi_material_history_total(const sb_material *material, const sb_mate
     return sbi_material_all_finite(P->m[0], 9);
 }
 
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P)
 {
     sb_material relaxing;
     sb_real s0[6];

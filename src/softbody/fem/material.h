@@ -39,16 +39,16 @@ enum { SB_MAX_PRONY_TERMS = 8 };
  * SB_REDUCED_POLYNOMIAL) evaluate the c's and d1; the others evaluate lambda and mu. */
 typedef struct sb_material {
     sb_material_model model;
-    sb_real density;         /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
-    sb_real lambda;          /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
-    sb_real mu;              /* shear modulus [Pa], > 0 */
-    sb_real c10;             /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
-    sb_real d1;              /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
-    sb_real c01;             /* [Pa], any sign; Mooney-Rivlin, else 0 */
-    sb_real c20, c30;        /* [Pa], any sign; reduced polynomial, else 0 */
-    sb_real fibre_stiffness; /* k1 [Pa], >= 0; 0: no fibres */
-    sb_real fibre_exponent;  /* k2, >= 0 */
-    int prony_count;         /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
+    sb_real density;                       /* mass per reference volume [kg/m^3], > 0; soft tissue: 900 to 1100 */
+    sb_real lambda;                        /* first Lame constant [Pa]; lambda + 2 mu/3 > 0 */
+    sb_real mu;                            /* shear modulus [Pa], > 0 */
+    sb_real c10;                           /* [Pa], > 0; Mooney-Rivlin: c10 + c01 > 0 */
+    sb_real d1;                            /* [1/Pa], > 0; in Abaqus' convention, bulk = 2/d1 */
+    sb_real c01;                           /* [Pa], any sign; Mooney-Rivlin, else 0 */
+    sb_real c20, c30;                      /* [Pa], any sign; reduced polynomial, else 0 */
+    sb_real fibre_stiffness;               /* k1 [Pa], >= 0; 0: no fibres */
+    sb_real fibre_exponent;                /* k2, >= 0 */
+    int prony_count;                       /* terms of g(t) = 1 - sum g_i (1 - exp(-t/tau_i)); 0: elastic */
     sb_real prony_g[SB_MAX_PRONY_TERMS];   /* each in (0, 1), their sum below 1 */
     sb_real prony_tau[SB_MAX_PRONY_TERMS]; /* [s], > 0 */
 } sb_material;
@@ -77,8 +77,7 @@ SB_API sb_material sb_material_neo_hookean_isochoric(sb_real c10, sb_real d1, sb
 SB_API sb_material sb_material_mooney_rivlin(sb_real c10, sb_real c01, sb_real d1, sb_real density);
 /* Reduced polynomial of order 3 (Yeoh 1993); c30 = 0: order 2. c10 [Pa] > 0, mu = 2 c10; c20 and c30 [Pa] of
  * any sign: a negative one that is not outweighed makes the material unstable under large strain. */
-SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1,
-                                                  sb_real density);
+SB_API sb_material sb_material_reduced_polynomial(sb_real c10, sb_real c20, sb_real c30, sb_real d1, sb_real density);
 /* The hyperelastic material, reinforced by one family of fibres (Holzapfel, Gasser and Ogden 2000):
  *     W += k1/(2 k2) (exp(k2 (I4 - 1)^2) - 1) for I4 > 1, I4 = |F a0|^2, a0 the unit direction at rest,
  * and k1/2 (I4 - 1)^2 for k2 = 0; slack fibres (I4 <= 1) do nothing. k1 [Pa] >= 0, k2 >= 0. The moduli lambda, mu
@@ -88,8 +87,7 @@ SB_API sb_material sb_material_with_fibres(sb_material material, sb_real k1, sb_
  * bulk modulus (isochoric models: psi's share) and of fibre stress fades, its moduli being the instantaneous ones.
  * g[count] each in (0, 1) with a sum below 1, tau[count] [s] > 0, count <= SB_MAX_PRONY_TERMS; 0 terms make it
  * elastic again. */
-SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau,
-                                          int count);
+SB_API sb_material sb_material_with_prony(sb_material material, const sb_real *g, const sb_real *tau, int count);
 
 /* ---- presets: liver, as published ----
  * Constants from tables 4.1 to 4.3 of S. Suwelack, Real-Time Biomechanics of Soft Tissue, KIT 2014. */
@@ -149,8 +147,8 @@ SB_API int sb_material_stress(const sb_material *material, const sb_mat3 *F, sb_
  * stretches s_1 >= s_2 >= |s_3|: there the exact tangent is infinite. A divides by s_i + s_j, but never by
  * less than 1e-6 max(1, s_1 + s_2 + s_3), so it stays finite; SB_TANGENT_SPD likewise. SB_TANGENT_QUASI does
  * not divide by it. */
-SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation,
-                               sb_tangent_kind kind, sb_real A[81]);
+SB_API int sb_material_tangent(const sb_material *material, const sb_mat3 *F, sb_quat *rotation, sb_tangent_kind kind,
+                               sb_real A[81]);
 
 /* ---- fibres ----
  * The fibres' share at F, ADDED to the output; the calls above are the matrix alone. direction: of the fibres at
@@ -180,8 +178,8 @@ typedef struct sb_material_history {
  * *P [Pa]: first Piola-Kirchhoff stress. Returns 1, or 0 with history and P untouched when F is not admissible
  * (see above; also J = 0), dt is negative or NaN, Prony terms are out of number or on a model that is not
  * hyperelastic, or a pointer but fibre is NULL. */
-SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history,
-                                      const sb_mat3 *F, sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
+SB_API int sb_material_history_stress(const sb_material *material, sb_material_history *history, const sb_mat3 *F,
+                                      sb_real dt, const sb_vec3 *fibre, sb_mat3 *P);
 
 /* Cauchy stress P F^T/J [Pa]: force per current area. Not finite when J = 0. */
 SB_API sb_mat3 sb_cauchy_stress(sb_mat3 F, sb_mat3 P);
@@ -222,8 +220,7 @@ SBI_API void sbi_prony_prestress(const sb_material *material, sb_real dt, const 
                                  const sb_real (*h)[6], sb_real H[6]);
 /* S0 at F of the share that sbi_material_relaxing gives, fibres (unit direction; NULL: none) included; 0 with s0
  * untouched when F is not admissible, or J = 0. */
-SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre,
-                              sb_real s0[6]);
+SBI_API int sbi_prony_instant(const sb_material *relaxing, const sb_mat3 *F, const sb_vec3 *fibre, sb_real s0[6]);
 #endif
 
 #endif /* SB_MATERIAL_H */

@@ -14,8 +14,8 @@ typedef struct sbi_fit_system {
     double rest, total; /* total = |b|^2 */
 } sbi_fit_system;
 
-/* Constants that share all but this part of their influence with others are not distinguished: measured data never reach
- * it, rounding does. */
+/* Constants that share all but this part of their influence with others are not distinguished: measured data never
+ * reach it, rounding does. */
 static const double sbi_fit_least_own = 1e-6;
 
 static void sbi_fit_begin(sbi_fit_system *system, int n)
@@ -276,8 +276,8 @@ static int sbi_fit_free_side(const sb_material *m, sb_test_kind kind, double x, 
 }
 
 /* Stress of a compressible material in a test, and its derivatives by the constants when row is given. */
-static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point,
-                                        double *stress, double *row)
+static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
+                                        double *row)
 {
     const sb_test_kind kind = point->kind;
     sb_material m = sbi_fit_material(fit, c, sbi_fit_bulk(fit, c));
@@ -310,8 +310,7 @@ static int sbi_fit_predict_compressible(const sbi_fit *fit, const double *c, con
     return 1;
 }
 
-static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress,
-                           double *row)
+static int sbi_fit_predict(const sbi_fit *fit, const double *c, const sb_test_point *point, double *stress, double *row)
 {
     double basis[3] = {0, 0, 0};
     if (fit->compressible)
@@ -359,8 +358,7 @@ static double sbi_fit_cost(const sbi_fit *fit, const double *c, int *worst)
     double sum = 0;
     for (int k = 0; k < fit->count; k++) {
         double stress, weight = sbi_fit_weight(fit, fit->data + k), error;
-        if (weight > 0 &&
-            (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
+        if (weight > 0 && (!(sbi_fit_mu(fit, c) > 0) || !sbi_fit_predict(fit, c, fit->data + k, &stress, NULL))) {
             *worst = k;
             return -1;
         }
@@ -420,8 +418,7 @@ static sb_result sbi_fit_check_mu(const sbi_fit *fit, const double *c, sb_error 
 }
 
 /* Shortens the step from fit->c to target until the errors do not grow; the step's share, or 0. */
-static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c,
-                             double *new_cost)
+static double sbi_fit_search(const sbi_fit *fit, const double *target, double cost, double *c, double *new_cost)
 {
     int worst;
     for (double t = 1; t > 1e-4; t /= 2) {
@@ -476,8 +473,7 @@ static sb_result sbi_fit_iterate(sbi_fit *fit, sb_fit_info *info, sb_error *erro
         if (change <= 16 * (double)SB_EPSILON)
             return SB_OK;
     }
-    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations",
-                    info->iterations);
+    return sbi_fail(error, SB_ERROR_NOT_CONVERGED, "the fit has not settled after %d iterations", info->iterations);
 }
 
 /* ---- how good it is ---- */
@@ -557,8 +553,7 @@ static int sbi_fit_is_stable_at(const sbi_fit *fit, sb_test_kind kind, double x)
 }
 
 /* Walks from rest to the strain `end`; 1 when stable all the way, else *strain is the first that is not. */
-static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end,
-                                double *strain)
+static int sbi_fit_is_stable_to(const sbi_fit *fit, sb_test_kind kind, double rest, double end, double *strain)
 {
     const int steps = 64;
     for (int k = 0; k <= steps; k++) {
@@ -588,8 +583,7 @@ static void sbi_fit_find_stability(const sbi_fit *fit, sb_fit_info *info)
             continue;
         info->stable = 0;
         info->unstable_kind = (sb_test_kind)kind;
-        info->unstable_strain =
-            (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
+        info->unstable_strain = (sb_real)(high_stable || (!low_stable && rest - low < high - rest) ? low : high);
         return;
     }
 }
@@ -613,9 +607,8 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
     if ((int)fit->model < SB_LINEAR || (int)fit->model > SB_REDUCED_POLYNOMIAL)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "material model %d is unknown", (int)fit->model);
     if (!sb_is_finite(o->poisson) || !sb_is_finite(o->d1) || !sb_is_finite(o->density))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE,
-                        "fit options have poisson %g, d1 %g, density %g, not finite", (double)o->poisson,
-                        (double)o->d1, (double)o->density);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "fit options have poisson %g, d1 %g, density %g, not finite",
+                        (double)o->poisson, (double)o->d1, (double)o->density);
     if (fit->model == SB_REDUCED_POLYNOMIAL && (o->order < 1 || o->order > 3))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option order is %d, must be 1 to 3", o->order);
     if (o->d1 < 0)
@@ -624,25 +617,22 @@ static sb_result sbi_fit_check_options(const sbi_fit *fit, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option poisson is %g, must be inside (-1, 0.5)",
                         (double)o->poisson);
     if (!(o->density > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0",
-                        (double)o->density);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "fit option density is %g kg/m^3, must be > 0", (double)o->density);
     return SB_OK;
 }
 
 static sb_result sbi_fit_check_point(const sb_test_point *point, int k, sb_error *error)
 {
     if ((int)point->kind < SB_TEST_UNIAXIAL || (int)point->kind > SB_TEST_SIMPLE_SHEAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k,
-                        (int)point->kind);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a test of unknown kind %d", k, (int)point->kind);
     if (point->measure != SB_STRESS_NOMINAL && point->measure != SB_STRESS_CAUCHY)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has a stress of unknown measure %d", k,
                         (int)point->measure);
     if (!sb_is_finite(point->strain) || !sb_is_finite(point->stress))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite",
-                        k, (double)point->strain, (double)point->stress);
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has strain %g and stress %g Pa, not finite", k,
+                        (double)point->strain, (double)point->stress);
     if (point->kind != SB_TEST_SIMPLE_SHEAR && !(point->strain > 0))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k,
-                        (double)point->strain);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has stretch %g, must be > 0", k, (double)point->strain);
     return SB_OK;
 }
 
@@ -655,8 +645,8 @@ static sb_result sbi_fit_check(const sbi_fit *fit, sb_fit_info *info, sb_error *
         info->points += result == SB_OK && sbi_fit_weight(fit, fit->data + k) > 0;
     }
     if (result == SB_OK && info->points < fit->n)
-        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants",
-                          info->points, fit->n);
+        result = sbi_fail(error, SB_ERROR_ARGUMENT, "%d readings that count are too few for %d constants", info->points,
+                          fit->n);
     return result;
 }
 
@@ -735,8 +725,8 @@ static void sbi_fit_spread(const sb_real *time, int count, const sb_real *given,
     }
 }
 
-static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                     int terms, sb_error *error)
+static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                     sb_error *error)
 {
     if (terms < 1 || terms > SB_MAX_PRONY_TERMS)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "%d Prony terms asked for, must be 1 to %d", terms,
@@ -748,8 +738,7 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
             return sbi_fail(error, SB_ERROR_NOT_FINITE, "reading %d has time %g s and g %g, not finite", k,
                             (double)time[k], (double)g[k]);
         if (!(time[k] > 0))
-            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k,
-                            (double)time[k]);
+            return sbi_fail(error, SB_ERROR_ARGUMENT, "reading %d has time %g s, must be > 0", k, (double)time[k]);
     }
     for (int i = 0; tau && i < terms; i++)
         if (!sb_is_finite(tau[i]) || !(tau[i] > 0))
@@ -759,8 +748,8 @@ static sb_result sbi_fit_check_prony(const sb_real *time, const sb_real *g, int 
 }
 
 /* 1 - g(t) = sum of g_i (1 - exp(-t/tau_i)) at every reading. */
-static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau,
-                                 int terms, sbi_fit_system *system)
+static void sbi_fit_prony_system(const sb_real *time, const sb_real *g, int count, const double *tau, int terms,
+                                 sbi_fit_system *system)
 {
     sbi_fit_begin(system, terms);
     for (int k = 0; k < count; k++) {
@@ -790,8 +779,8 @@ static void sbi_fit_judge_prony(const sb_material *m, const sb_real *time, const
     info->stable = 1; /* every g_i > 0: what relaxes only ever loses energy */
 }
 
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error)
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error)
 {
     double times[SBI_FIT_UNKNOWNS], c[SBI_FIT_UNKNOWNS], own;
     sb_real kept_g[SB_MAX_PRONY_TERMS], kept_tau[SB_MAX_PRONY_TERMS];
@@ -811,8 +800,8 @@ SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, in
     weakest = sbi_fit_weakest(&system, &own);
     if (tau && own < sbi_fit_least_own)
         return sbi_fail(error, SB_ERROR_INDEFINITE,
-                        "the data do not determine g of tau %d, %g s: %g of its influence is its own",
-                        weakest, times[weakest], own);
+                        "the data do not determine g of tau %d, %g s: %g of its influence is its own", weakest,
+                        times[weakest], own);
     sbi_fit_solve_nonnegative(&system, c);
     for (int i = 0; i < terms; i++)
         if (c[i] > 0) {

@@ -30,29 +30,29 @@ typedef struct sb_test_point {
 } sb_test_point;
 
 typedef struct sb_fit_options {
-    int order;       /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
-    int relative;    /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
+    int order;        /* of SB_REDUCED_POLYNOMIAL: 1 to 3 constants; others ignore it. Default 2 */
+    int relative;     /* 1: errors relative to each stress, whose points of stress 0 do not count (default);
                          0: errors in Pa, so that large stresses rule */
-    int nonnegative; /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
+    int nonnegative;  /* 1: no constant below 0, which keeps the material stable; 0: as the data say (default) */
     int compressible; /* 1: free sides move as the material's compressibility says; 0: at constant volume (default).
                          Linear, corotated and St.Venant-Kirchhoff models are always fitted as with 1 */
-    sb_real poisson; /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
-    sb_real d1;      /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
-    sb_real density; /* [kg/m^3] > 0 of the result. Default 1000 */
+    sb_real poisson;  /* in (-1, 0.5): bulk modulus in proportion to mu. Default 0.49 */
+    sb_real d1;       /* [1/Pa]; > 0: bulk modulus 2/d1, poisson is not read. Default 0 */
+    sb_real density;  /* [kg/m^3] > 0 of the result. Default 1000 */
 } sb_fit_options;
 
 SB_API sb_fit_options sb_default_fit_options(void);
 
 typedef struct sb_fit_info {
-    int points;     /* readings that counted */
-    int constants;  /* constants fitted; Prony: terms kept */
-    int iterations; /* least-squares solves */
-    sb_real rms;    /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
+    int points;        /* readings that counted */
+    int constants;     /* constants fitted; Prony: terms kept */
+    int iterations;    /* least-squares solves */
+    sb_real rms;       /* root mean square error: of stress over stress when relative, else [Pa]; Prony: of g */
     sb_real r_squared; /* share of the readings' variance that is explained; 0 when they do not vary */
     /* The least part of a constant's influence that is its own, of 1: below 0.01 the constants answer for
      * each other, so that noise moves them far. */
     sb_real weakest;
-    int stable;  /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
+    int stable; /* 1: Drucker stable, d(Kirchhoff stress) : d(log strain) > 0, over the range of each test */
     sb_test_kind unstable_kind; /* when not: the first test, and the strain nearest to rest, that is not */
     sb_real unstable_strain;
 } sb_fit_info;
@@ -61,8 +61,8 @@ typedef struct sb_fit_info {
  * the options'. options NULL: defaults; info, error may be NULL. Returns SB_OK and *material, which passes
  * sb_material_check; or, with *material and *info untouched: SB_ERROR_ARGUMENT (fewer readings than constants, a
  * stretch <= 0, an option out of range), SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a constant that the data do
- * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data ask
- * for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
+ * not distinguish from the others (simple shear and planar tests alone see c10 + c01 only), SB_ERROR_MATERIAL (the data
+ * ask for mu <= 0), SB_ERROR_NOT_CONVERGED or SB_ERROR_DIVERGED (compressible only). Cost: below a
  * microsecond a reading at constant volume, about 0.1 ms when compressible. Formulas: Ogden, Non-Linear Elastic
  * Deformations, 1984, ch. 7. */
 SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *data, int count,
@@ -76,7 +76,7 @@ SB_API sb_result sb_material_fit(sb_material_model model, const sb_test_point *d
  * place of its own. Else it and *info are untouched: SB_ERROR_ARGUMENT (fewer readings than terms, a time or tau <= 0),
  * SB_ERROR_NOT_FINITE, SB_ERROR_INDEFINITE naming a given tau that the data do not distinguish from the others, or
  * SB_ERROR_MATERIAL (the data relax to nothing, or the material is not in order). */
-SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau,
-                                       int terms, sb_material *material, sb_fit_info *info, sb_error *error);
+SB_API sb_result sb_material_fit_prony(const sb_real *time, const sb_real *g, int count, const sb_real *tau, int terms,
+                                       sb_material *material, sb_fit_info *info, sb_error *error);
 
 #endif /* SB_MATERIAL_FIT_H */

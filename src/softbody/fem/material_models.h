@@ -1,5 +1,5 @@
-/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks what
- * goes in and comes out.
+/* material_models: energy, stress and tangent of each model and of fibres at one point. Internal: material.c checks
+ * what goes in and comes out.
  *
  * Callers pass an F that is finite; a NaN comes out as NaN. Formula names: f_i is row i of F, I1 = F:F,
  * B = F^-T = cof(F)/J. Tangents are written by 3x3 blocks (i,k) with entries (j,l) = dP_ij/dF_kl. The model is chosen
@@ -10,10 +10,7 @@
 #include "material.h"
 
 /* Row i of a. */
-SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i)
-{
-    return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]);
-}
+SBI_FORCE_INLINE sb_vec3 sbi_material_row(const sb_mat3 *a, int i) { return sb_v3(a->m[i][0], a->m[i][1], a->m[i][2]); }
 
 /* 1 when the symmetric a is positive definite (Sylvester's leading minors). */
 SBI_FORCE_INLINE int sbi_material_is_positive(sb_mat3 a)
@@ -140,8 +137,7 @@ SBI_FORCE_INLINE sb_real sbi_corotated_energy(const sb_material *m, const sb_mat
 SBI_FORCE_INLINE sb_real sbi_spin_least(sb_real trace) { return (sb_real)1e-6 * sb_max(1, trace); }
 
 /* Z from the eigen-decomposition S = V diag(s) V^T. */
-SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v,
-                                          sb_tangent_kind kind)
+SB_INLINE sb_mat3 sbi_spin_from_stretches(sb_real mu, sb_real kappa, sb_vec3 s, sb_mat3 v, sb_tangent_kind kind)
 {
     sb_real least = sbi_spin_least(s.x + s.y + s.z), z[3];
     sb_mat3 spin;
@@ -203,8 +199,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
         sb_mat3 left = spin ? sb_m3_transpose(sbi_spin_cross(ri, *spin)) : sb_m3_zero();
         for (int k = i; k < 3; k++) {
             sb_vec3 rk = sbi_material_row(&r, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
+            sb_mat3 block =
+                sb_m3_add(sb_m3_outer(ri, sb_v3_scale(m->lambda, rk)), sb_m3_outer(sb_v3_scale(m->mu, rk), ri));
             if (i == k)
                 block = sbi_material_affine(1, block, m->mu);
             if (spin)
@@ -214,8 +210,8 @@ SBI_FORCE_INLINE void sbi_corotated_assemble(const sb_material *m, sb_mat3 r, co
     }
 }
 
-SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F,
-                                            sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE void sbi_corotated_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                            const sb_tangent_kind kind, sb_real *A)
 {
     sbi_corotation c = sbi_corotate(model, F, rotation);
     sb_real kappa;
@@ -254,8 +250,8 @@ SBI_FORCE_INLINE void sbi_svk_tangent(const sb_material *m, const sb_mat3 *F, sb
         sb_vec3 fi = sbi_material_row(F, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 fk = sbi_material_row(F, k);
-            sb_mat3 block = sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)),
-                                      sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
+            sb_mat3 block =
+                sb_m3_add(sb_m3_outer(fi, sb_v3_scale(m->lambda, fk)), sb_m3_outer(sb_v3_scale(m->mu, fk), fi));
             block = sbi_material_affine(1, block, m->mu * sb_v3_dot(fi, fk));
             sbi_tangent_put(A, i, k, i == k ? sb_m3_add(block, s) : block);
         }
@@ -282,8 +278,8 @@ SBI_FORCE_INLINE sb_real sbi_polynomial_slope(const sb_material *m, sb_real i, s
 }
 
 /* The isochoric family's coefficients; cofactor = cof F. */
-SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F,
-                                            const sb_mat3 *cofactor, sbi_barrier *out)
+SBI_FORCE_INLINE void sbi_barrier_isochoric(int model, const sb_material *m, const sb_mat3 *F, const sb_mat3 *cofactor,
+                                            sbi_barrier *out)
 {
     sb_real J = out->J, root = sb_cbrt(J), I1 = sb_m3_ddot(*F, *F), stiffness = 2 * J / m->d1; /* J U'' */
     sb_real square = root * root, slope = m->c10, curvature = 0;
@@ -373,11 +369,9 @@ SBI_FORCE_INLINE void sbi_mooney_tangent(const sbi_barrier *c, const sb_mat3 *F,
 {
     sb_mat3 right = sb_m3_tmul(*F, *F);
     sb_mat3 own = sbi_material_affine(-c->second, right, c->alpha + c->second * sb_m3_trace(right));
-    sb_mat3 mixed =
-        sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
+    sb_mat3 mixed = sb_m3_add(sb_m3_scale(c->beta, *F), sb_m3_scale(-(sb_real)4 / 3 * c->second, sbi_mooney_normal(F)));
     for (int i = 0; i < 3; i++) {
-        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i),
-                li = sbi_material_row(&mixed, i);
+        sb_vec3 bi = sbi_material_row(&c->b, i), fi = sbi_material_row(F, i), li = sbi_material_row(&mixed, i);
         for (int k = i; k < 3; k++) {
             sb_vec3 bk = sbi_material_row(&c->b, k), fk = sbi_material_row(F, k);
             sb_mat3 block = sb_m3_outer(bi, sb_v3_madd(sbi_material_row(&mixed, k), c->gamma, bk));
@@ -551,8 +545,8 @@ SB_INLINE void sbi_principal_stable(const sb_material *m, const sb_real *s, sbi_
 }
 
 /* The principal form of a hyperelastic model's tangent; F is admissible. */
-SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F,
-                                       const sb_real *s, sbi_principal *out)
+SBI_FORCE_INLINE void sbi_principal_at(int model, const sb_material *m, const sb_mat3 *F, const sb_real *s,
+                                       sbi_principal *out)
 {
     sbi_barrier c;
     if (model == SB_SVK)
@@ -621,8 +615,8 @@ SBI_FORCE_INLINE void sbi_tangent_project(int model, const sb_material *m, const
  * add to their output, and return 0 with it untouched when the share is not finite. */
 
 /* a = F a0, and the derivatives of W by I4 (0 when slack); 0 when not finite. */
-SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a,
-                                  sb_real *first, sb_real *second)
+SBI_FORCE_INLINE int sbi_fibre_at(const sb_material *m, const sb_mat3 *F, sb_vec3 a0, sb_vec3 *a, sb_real *first,
+                                  sb_real *second)
 {
     sb_real e, growth;
     *a = sb_m3_apply(*F, a0);
@@ -683,8 +677,7 @@ SBI_FORCE_INLINE int sbi_fibre_tangent(const sb_material *m, const sb_mat3 *F, s
 
 /* ---- by model ---- */
 
-SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_real *W)
+SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation, sb_real *W)
 {
     switch (model) {
     case SB_LINEAR: *W = sbi_hooke_energy(m, sbi_linear_strain(F)); return 1;
@@ -704,8 +697,7 @@ SBI_FORCE_INLINE int sbi_model_energy(int model, const sb_material *m, const sb_
     }
 }
 
-SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F,
-                                                sb_quat *rotation, sb_mat3 *P)
+SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation, sb_mat3 *P)
 {
     switch (model) {
     case SB_LINEAR: *P = sbi_hooke_stress(m, sbi_linear_strain(F)); return 1;
@@ -725,8 +717,8 @@ SBI_FORCE_INLINE int sbi_model_stress(int model, const sb_material *m, const sb_
     }
 }
 
-SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F,
-                                                 sb_quat *rotation, const sb_tangent_kind kind, sb_real *A)
+SBI_FORCE_INLINE int sbi_model_tangent(int model, const sb_material *m, const sb_mat3 *F, sb_quat *rotation,
+                                       const sb_tangent_kind kind, sb_real *A)
 {
     switch (model) {
     case SB_LINEAR: sbi_linear_tangent(m, A); return 1;

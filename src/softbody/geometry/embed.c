@@ -350,8 +350,8 @@ static void sbi_embed_fill_row(const sb_embedding *e, const sb_embedded_point *p
     sb_element_shape(e->type, point->xi, shape, slope);
     for (int a = 0; a < width; a++) {
         nodes[a] = e->elements[(size_t)point->element * (size_t)width + (size_t)a];
-        weights[a] = shape[a] + slope[a][0] * point->step[0] + slope[a][1] * point->step[1] +
-                     slope[a][2] * point->step[2];
+        weights[a] =
+            shape[a] + slope[a][0] * point->step[0] + slope[a][1] * point->step[1] + slope[a][2] * point->step[2];
     }
 }
 
@@ -364,7 +364,8 @@ SB_API sb_result sb_embedding_mapping(const sb_embedding *embedding, const sb_al
     if (!embedding || !rows)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the embedding or rows is NULL");
     if (embedding->follower && embedding->follower->stale)
-        return sbi_fail(error, SB_ERROR_STATE, "the embedding has yet to follow a state that was loaded: update it first");
+        return sbi_fail(error, SB_ERROR_STATE,
+                        "the embedding has yet to follow a state that was loaded: update it first");
     width = sb_element_node_count(embedding->type);
     count = embedding->report.point_count;
     if (count > INT_MAX / width)

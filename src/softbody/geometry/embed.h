@@ -31,18 +31,18 @@ typedef enum sb_embedding_hold {
 } sb_embedding_hold;
 
 typedef struct sb_embedding_def {
-    const sb_mesh *mesh;        /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
-                                 * creation only */
-    const sb_vec3 *points;      /* [point_count] points at rest (m); NULL: the nodes of surface */
+    const sb_mesh *mesh;   /* tet4, tet10, hex8, hex20 or hex27 at rest, as sb_mesh_validate accepts it. Read at
+                            * creation only */
+    const sb_vec3 *points; /* [point_count] points at rest (m); NULL: the nodes of surface */
     int point_count;
-    const sb_mesh *surface;     /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
-    const sb_vec3 *normals;     /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
-                                 * instead of being made from the surface */
-    sb_embedding_kind kind;     /* SB_EMBED_SMOOTH */
-    sb_real max_distance;       /* m; a point farther outside is refused. SB_REAL_MAX: none is */
-    sb_allocator allocator;     /* zeros: malloc */
-    sb_jobs jobs;               /* threads for the creation; zeros: none */
-    unsigned cookie;            /* set by sb_default_embedding_def */
+    const sb_mesh *surface; /* tri3 or quad4 whose nodes are the points, or NULL. Gives normals */
+    const sb_vec3 *normals; /* [point_count] normals at rest, of any length, or NULL. Given, they are carried along
+                             * instead of being made from the surface */
+    sb_embedding_kind kind; /* SB_EMBED_SMOOTH */
+    sb_real max_distance;   /* m; a point farther outside is refused. SB_REAL_MAX: none is */
+    sb_allocator allocator; /* zeros: malloc */
+    sb_jobs jobs;           /* threads for the creation; zeros: none */
+    unsigned cookie;        /* set by sb_default_embedding_def */
 } sb_embedding_def;
 SB_API sb_embedding_def sb_default_embedding_def(void);
 
@@ -57,18 +57,18 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
 SB_API void sb_embedding_destroy(sb_embedding *embedding); /* NULL is fine */
 
 /* Where the points are when the nodes of the mesh are at node_positions (m), such as sb_body_positions(body):
- * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of sb_embedding_get_report],
- * which is mesh.node_count, or the slots of the body that it follows. After a change of the body's mesh
- * (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it (sb_embedding_follow).
- * Normals are
+ * points[point_count], and unless NULL unit normals[point_count]. node_positions: [node_count of
+ * sb_embedding_get_report], which is mesh.node_count, or the slots of the body that it follows. After a change of the
+ * body's mesh (sb_body_change_commit), as needles make, the points are wrong unless the embedding follows it
+ * (sb_embedding_follow). Normals are
  * - with a surface, of its deformed triangles (quads: corner triangles) around each point, weighted by area: those of
  *   what is drawn. Zero for a point without triangles;
  * - with def.normals, F^-T N of the embedding's deformation gradient F at the point: no neighbours needed, but it jumps
  *   a little where F does, between elements.
  * SB_ERROR_ARGUMENT for a NULL array, or normals without either source; nothing is written. Positions that are not
- * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state was
- * loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads; one
- * call at a time for each embedding. jobs: NULL for none. */
+ * finite give points that are not. Output arrays must not overlap node_positions. Allocates nothing, but after a state
+ * was loaded without memory for it (SB_ERROR_MEMORY, see sb_embedding_follow); the same bits for any number of threads;
+ * one call at a time for each embedding. jobs: NULL for none. */
 SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *node_positions, sb_vec3 *points,
                                      sb_vec3 *normals, const sb_jobs *jobs);
 
@@ -96,8 +96,8 @@ typedef struct sb_embedded_point {
     sb_real xi[3];    /* where it is in the element; for points outside their foot or closest point there */
     sb_real distance; /* from there (m); 0 inside */
     sb_real step[3];  /* point = x(xi) + dx/dxi step: its offset in the parameters of the element; 0 inside */
-    int lost;         /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
-                       * the cell that it was in, or moved the surface past it */
+    int lost; /* 1: it was inside at creation and is outside now: a change of the mesh (sb_embedding_follow) took
+               * the cell that it was in, or moved the surface past it */
 } sb_embedded_point;
 /* SB_ERROR_INDEX for no such point; *point is then untouched. */
 SB_API sb_result sb_embedding_get_point(const sb_embedding *embedding, int index, sb_embedded_point *point);

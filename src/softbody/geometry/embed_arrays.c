@@ -73,7 +73,8 @@ static int sbi_embed_next_group(const sbi_embed_filling *build, int i, sbi_embed
 {
     const sbi_embed_place *first = &build->parts->places[build->sorted[i]];
     int end = i + 1;
-    while (end < build->parts->count && end - i < SBI_EMBED_GROUP && build->parts->places[build->sorted[end]].hold == first->hold &&
+    while (end < build->parts->count && end - i < SBI_EMBED_GROUP &&
+           build->parts->places[build->sorted[end]].hold == first->hold &&
            build->parts->places[build->sorted[end]].cell == first->cell)
         end++;
     group->hold = first->hold;

@@ -1,4 +1,5 @@
-/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of updates. */
+/* embed_follow: points of an embedding in a mesh that changes: which ones, their new places, and the arrays of
+ * updates. */
 #include "embed_follow.h"
 
 #include "embed_live.h"
@@ -249,7 +250,8 @@ static sb_result sbi_embed_search(const sb_embedding *e, sbi_embed_follower *f, 
         for (int again = f->part_count > 0; again;) {
             sb_allocator allocator = sbi_embed_pool_begin(&f->scratch);
             int whole = part == (int)SBI_EMBED_ALL; /* needed once in a while: its memory is given back */
-            result = sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
+            result =
+                sbi_embed_search_part(e, f, (sbi_embed_part)part, whole ? &e->allocator : &allocator, &left, error);
             again = result == SB_ERROR_MEMORY && !whole && sbi_embed_pool_grow(e, &f->scratch);
         }
         sbi_embed_clear_part(f);

@@ -1,10 +1,11 @@
 /* embed_follow: an embedding that follows a mesh in slots. Internal, floor 2; body_embed.c joins it with a body.
  *
- * It keeps the mesh at rest, the cells around each node and the outer faces, and changes them as the body's mesh changes.
- * Every point keeps its place at rest (sb_embedding.rest), which is its material: the points of changed cells, and those
- * outside that a changed node's face or cell holds, are placed anew from it. Three meshes are searched one after the
- * other, until all have a place: the cells that the change made or reshaped, which take points inside them only; those
- * around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits as before.
+ * It keeps the mesh at rest, the cells around each node and the outer faces, and changes them as the body's mesh
+ * changes. Every point keeps its place at rest (sb_embedding.rest), which is its material: the points of changed cells,
+ * and those outside that a changed node's face or cell holds, are placed anew from it. Three meshes are searched one
+ * after the other, until all have a place: the cells that the change made or reshaped, which take points inside them
+ * only; those around these, two deep, with complete normals in the middle; and all. Points that stay have the same bits
+ * as before.
  *
  * Then the arrays that updates read are made again from the places, in the other one of two blocks of memory, which
  * takes the place of the first when the change has happened. They depend on the places and the mesh alone. */
@@ -24,8 +25,8 @@ typedef struct sbi_embed_slots {
 
 /* Whom it follows. */
 typedef struct sbi_embed_owner {
-    void *body; /* NULL: nobody any more */
-    int id;     /* of the listener */
+    void *body;                                                     /* NULL: nobody any more */
+    int id;                                                         /* of the listener */
     sb_result (*refresh)(sb_embedding *embedding, sb_error *error); /* loads the body's mesh */
     void (*leave)(sb_embedding *embedding);
 } sbi_embed_owner;
@@ -46,15 +47,16 @@ typedef struct sbi_embed_swap {
 
 typedef struct sbi_embed_follower {
     sbi_embed_owner owner;
-    int stale;           /* 1: the mesh is another, and the points have no places in it for want of memory */
+    int stale; /* 1: the mesh is another, and the points have no places in it for want of memory */
     int width, faces, face_nodes, face_corners, local[6][SB_MAX_FACE_NODES];
 
     int node_end, cell_end, node_room, cell_room;
-    sb_vec3 *nodes;      /* [node_room] */
-    int *cells;          /* [cell_room][width]; the first is -1 in a free slot */
-    int *first, *next;   /* [node_room], [cell_room][width]: lists of a node's corners, cell * width + local node; -1 ends */
-    int *outer;          /* [cell_room][faces] row of weights of outer faces, or -1 */
-    sb_real *weights;    /* [row_room][face_nodes] */
+    sb_vec3 *nodes; /* [node_room] */
+    int *cells;     /* [cell_room][width]; the first is -1 in a free slot */
+    int *first,
+        *next;  /* [node_room], [cell_room][width]: lists of a node's corners, cell * width + local node; -1 ends */
+    int *outer; /* [cell_room][faces] row of weights of outer faces, or -1 */
+    sb_real *weights; /* [row_room][face_nodes] */
     int *free_rows, free_count, row_fresh, row_room;
 
     unsigned char *node_marks, *cell_marks; /* zeros between calls */
@@ -63,21 +65,21 @@ typedef struct sbi_embed_follower {
     int *part_nodes, part_node_count;       /* [node_room] */
     int *number;                            /* [node_room] of a node in the mesh that is searched */
 
-    sbi_embed_place *places;                /* [point_count] */
+    sbi_embed_place *places; /* [point_count] */
     sbi_embed_swap *swaps;
     int swap_count, swap_room;
 
     sbi_embed_pool arrays[2], scratch;
-    int current;                            /* the block of arrays that is read */
-    sb_embedding made;                      /* arrays in the other one */
+    int current;       /* the block of arrays that is read */
+    sb_embedding made; /* arrays in the other one */
 
-    const sb_mesh_change *change;           /* between reserve and what ends it */
-    sb_vec3 *old_nodes;                     /* [old_room] of the slots that made nodes take */
+    const sb_mesh_change *change; /* between reserve and what ends it */
+    sb_vec3 *old_nodes;           /* [old_room] of the slots that made nodes take */
     int old_room, old_node_end, old_cell_end;
 } sbi_embed_follower;
 
-/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an owner,
- * whose mesh this is, it is stale. */
+/* Follows this mesh from now on; all points are placed in it. On failure nothing has changed, but where it has an
+ * owner, whose mesh this is, it is stale. */
 SBI_API sb_result sbi_embed_follower_load(sb_embedding *e, const sbi_embed_slots *mesh, sb_error *error);
 /* Prepares a change of the mesh. On failure nothing has changed; after success one of the next two ends it. */
 SBI_API sb_result sbi_embed_follower_reserve(sb_embedding *e, const sb_mesh_change *change, sb_error *error);

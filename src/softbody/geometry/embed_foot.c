@@ -59,8 +59,7 @@ static int sbi_embed_cross_edge(const sbi_embed_volume *volume, int edge, sbi_em
     return 1;
 }
 
-SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot,
-                                        sb_vec3 tangents[2])
+SBI_API sb_vec3 sbi_embed_foot_tangents(const sbi_embed_volume *volume, const sbi_embed_foot *foot, sb_vec3 tangents[2])
 {
     const int *nodes = sbi_embed_face_row(volume, foot->face);
     sb_real shape[SB_MAX_FACE_NODES], gradient[SB_MAX_FACE_NODES][3], xi[3];

@@ -27,9 +27,10 @@ static void sbi_embed_pull_offset(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->normal, &n);
     sbi_embed_normalise(&n, inverse);
     SBI_EMBED_EACH_LANE(l)
-        along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
+    along[l] = -(force->x[l] * n.x[l] + force->y[l] * n.y[l] + force->z[l] * n.z[l]);
     sbi_embed_madd(&pull, along, &n);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real scale = distance[l] * inverse[l];
         pull.x[l] *= scale;
         pull.y[l] *= scale;
@@ -61,7 +62,8 @@ static void sbi_embed_pull_frames(const sb_embedding *e, const sbi_embed_cell *c
 {
     sbi_embed_vec3 tangent[3], pull[2];
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 on[2];
         sb_vec3 offset = sb_v3(e->offsets[0][slot + l], e->offsets[1][slot + l], e->offsets[2][slot + l]);
         sbi_embed_pull_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l), offset,
@@ -94,9 +96,9 @@ static void sbi_embed_group_forces(const sbi_embed_frame *frame, const sbi_embed
         sbi_embed_lanes lanes;
         sbi_embed_vec3 force;
         SBI_EMBED_EACH_LANE(l)
-            sbi_embed_set_lane(&force, l, slot + l < group->first + group->count
-                                              ? frame->forces[e->slot_point[slot + l]]
-                                              : sb_v3(0, 0, 0));
+        sbi_embed_set_lane(&force, l,
+                           slot + l < group->first + group->count ? frame->forces[e->slot_point[slot + l]]
+                                                                  : sb_v3(0, 0, 0));
         sbi_embed_slot_shape(e, group->hold, cell.type, cell.count, slot, 0, &lanes);
         sbi_embed_spread_force(cell.count, lanes.shape[0], SBI_EMBED_LANES, &force, sums.force);
         if (is_offset)

@@ -17,10 +17,7 @@ static int sbi_embed_live_grow(const sb_embedding *e, void **array, size_t used,
 }
 
 /* Half as much again, so that a mesh that grows does not ask each time. */
-static int sbi_embed_live_roomy(int needed)
-{
-    return needed > INT_MAX / 2 ? needed : needed + needed / 2;
-}
+static int sbi_embed_live_roomy(int needed) { return needed > INT_MAX / 2 ? needed : needed + needed / 2; }
 
 static int sbi_embed_live_node_room(const sb_embedding *e, sbi_embed_follower *f, int needed)
 {

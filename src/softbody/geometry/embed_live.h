@@ -8,8 +8,8 @@
 SBI_API int sbi_embed_live_room(const sb_embedding *e, sbi_embed_follower *f, int nodes, int cells, int rows);
 /* Takes a whole mesh over; there is room for its slots. 0: no memory, and it has none then. */
 SBI_API int sbi_embed_live_fill(const sb_embedding *e, sbi_embed_follower *f, const sbi_embed_slots *mesh);
-/* Makes f->change, or takes it back; there is room. changed_nodes lists the nodes of its cells afterwards, and marks are
- * set: nodes of cells that change, and these cells. */
+/* Makes f->change, or takes it back; there is room. changed_nodes lists the nodes of its cells afterwards, and marks
+ * are set: nodes of cells that change, and these cells. */
 SBI_API void sbi_embed_live_apply(sbi_embed_follower *f, const sbi_embed_face *face, int back);
 SBI_API void sbi_embed_live_clear_marks(sbi_embed_follower *f);
 

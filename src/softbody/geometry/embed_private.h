@@ -18,7 +18,7 @@ enum {
     SBI_EMBED_TASK_NODES = 512,
     SBI_EMBED_TASK_RINGS = 2048,
     SBI_EMBED_TASK_BUILD = 256,
-    SBI_EMBED_RING = 64          /* most triangles around a point whose ring is put in order */
+    SBI_EMBED_RING = 64 /* most triangles around a point whose ring is put in order */
 };
 
 /* gcc would unroll a loop over lanes before it can see vectors in it, and then spill what it unrolled. */
@@ -60,39 +60,40 @@ struct sb_embedding {
     sb_embedded_point *points; /* [point_count] */
     int *elements;             /* the mesh's */
     sbi_embed_face face;
-    sb_real scale;             /* largest coordinate of the mesh at creation (m) */
-    sb_vec3 *rest;             /* [point_count] (m) */
-    sb_vec3 *rest_normals;     /* [point_count] def.normals, or NULL */
-    int *order;                /* [point_count] along Morton's curve */
-    unsigned char *inside;     /* [point_count] 1: it was inside at creation */
-    struct sbi_embed_follower *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
+    sb_real scale;         /* largest coordinate of the mesh at creation (m) */
+    sb_vec3 *rest;         /* [point_count] (m) */
+    sb_vec3 *rest_normals; /* [point_count] def.normals, or NULL */
+    int *order;            /* [point_count] along Morton's curve */
+    unsigned char *inside; /* [point_count] 1: it was inside at creation */
+    struct sbi_embed_follower
+        *follower; /* of a body whose mesh changes: the arrays from here on and elements are in it; or NULL */
 
     int group_count, task_count, slot_count;
     sbi_embed_group *groups;
-    int *tasks;              /* [task_count + 1] first group of each */
-    int *slot_point;         /* [slot_count]; padding repeats the last point of its group */
-    sb_real *parameters[3];  /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
-    sb_real *offsets[3];     /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
-    sb_real *carried[3];     /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
+    int *tasks;             /* [task_count + 1] first group of each */
+    int *slot_point;        /* [slot_count]; padding repeats the last point of its group */
+    sb_real *parameters[3]; /* [slot_count] xi; OFFSET (r, s, d); FRAME (r, s) */
+    sb_real *offsets[3];    /* [slot_count] EXTRAPOLATED: step; FRAME: offset in the frame; NULL when none is */
+    sb_real *carried[3];    /* [slot_count] def.normals as cofactor coordinates, J^T N / det J; or NULL */
 
     /* Node entries: those of the groups, then those of the faces whose normals they need. */
     int group_entries, entry_count, face_count, normal_count, touched_count;
-    int *nodes;              /* [entry_count] */
-    int *normal_of;          /* [entry_count] the smooth normal there, or -1 */
-    sb_real *weights;        /* [face_count][face nodes] */
+    int *nodes;                    /* [entry_count] */
+    int *normal_of;                /* [entry_count] the smooth normal there, or -1 */
+    sb_real *weights;              /* [face_count][face nodes] */
     sbi_embed_lists normal_faces;  /* smooth normal -> entries of its faces, counted from the first of them */
     sbi_embed_lists normal_groups; /* smooth normal -> entries of groups */
     sbi_embed_lists touched;       /* touched node -> entries */
     int *touched_nodes;            /* [touched_count] */
-    sbi_embed_lists rings;   /* point -> its neighbours in order around it; ~index starts a new run */
+    sbi_embed_lists rings;         /* point -> its neighbours in order around it; ~index starts a new run */
 
     /* scratch of updates */
-    sb_vec3 *face_normals;   /* [face_count][face nodes] */
-    sb_vec3 *normals;        /* [normal_count] unit */
-    sb_real *lengths;        /* [normal_count] of the sums that they are the directions of */
-    sb_vec3 *entry_forces;   /* [entry_count] */
-    sb_vec3 *entry_pulls;    /* [group_entries] derivative with respect to the smooth normal */
-    sb_vec3 *normal_pulls;   /* [normal_count] */
+    sb_vec3 *face_normals; /* [face_count][face nodes] */
+    sb_vec3 *normals;      /* [normal_count] unit */
+    sb_real *lengths;      /* [normal_count] of the sums that they are the directions of */
+    sb_vec3 *entry_forces; /* [entry_count] */
+    sb_vec3 *entry_pulls;  /* [group_entries] derivative with respect to the smooth normal */
+    sb_vec3 *normal_pulls; /* [normal_count] */
 };
 
 typedef struct sbi_embed_lanes {
@@ -125,9 +126,10 @@ SBI_FORCE_INLINE void sbi_embed_rsqrt(sb_real *x)
 #endif
     memcpy(bits, x, sizeof bits);
     SBI_EMBED_EACH_LANE(l)
-        bits[l] = magic - (bits[l] >> 1);
+    bits[l] = magic - (bits[l] >> 1);
     memcpy(y, bits, sizeof y);
-    SBI_EMBED_EACH_LANE(l) { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
+    SBI_EMBED_EACH_LANE(l)
+    { /* relative errors 3e-2, 2e-3, 5e-6, 3e-11, 1e-16 */
         sb_real half = (sb_real)0.5 * x[l], z = y[l];
         z = z * ((sb_real)1.5 - half * z * z);
         z = z * ((sb_real)1.5 - half * z * z);
@@ -141,16 +143,18 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 {
     sb_real sx[SBI_EMBED_LANES], sy[SBI_EMBED_LANES], sz[SBI_EMBED_LANES];
     SBI_EMBED_EACH_LANE(l)
-        sx[l] = sy[l] = sz[l] = 0;
+    sx[l] = sy[l] = sz[l] = 0;
     for (int a = 0; a < count; a++) {
         const sb_real *w = weight + a * stride;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sx[l] += w[l] * x[a].x;
             sy[l] += w[l] * x[a].y;
             sz[l] += w[l] * x[a].z;
         }
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         out->x[l] = sx[l];
         out->y[l] = sy[l];
         out->z[l] = sz[l];
@@ -161,9 +165,10 @@ SBI_FORCE_INLINE void sbi_embed_sum(int count, const sb_real *weight, int stride
 SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 {
     SBI_EMBED_EACH_LANE(l)
-        inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
+    inverse[l] = v->x[l] * v->x[l] + v->y[l] * v->y[l] + v->z[l] * v->z[l];
     sbi_embed_rsqrt(inverse);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] *= inverse[l];
         v->y[l] *= inverse[l];
         v->z[l] *= inverse[l];
@@ -173,7 +178,8 @@ SBI_FORCE_INLINE void sbi_embed_normalise(sbi_embed_vec3 *v, sb_real *inverse)
 /* v += s w */
 SBI_FORCE_INLINE void sbi_embed_madd(sbi_embed_vec3 *v, const sb_real *s, const sbi_embed_vec3 *w)
 {
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         v->x[l] += s[l] * w->x[l];
         v->y[l] += s[l] * w->y[l];
         v->z[l] += s[l] * w->z[l];
@@ -221,9 +227,9 @@ typedef struct sbi_embed_parts {
     const int *order;              /* [count] points along Morton's curve */
     int count, with_normals;
     int node_count, element_count, width, faces, outer_count; /* outer_count: boundary faces, or more */
-    const int *elements;           /* [element_count][width] */
-    const int *outer;              /* [element_count][faces] row of weights of boundary faces, or -1 */
-    const sb_real *weights;        /* angles at their nodes (rad) */
+    const int *elements;                                      /* [element_count][width] */
+    const int *outer;       /* [element_count][faces] row of weights of boundary faces, or -1 */
+    const sb_real *weights; /* angles at their nodes (rad) */
     const sbi_embed_face *face;
     int local[6][SB_MAX_FACE_NODES]; /* nodes of each face of an element */
 } sbi_embed_parts;

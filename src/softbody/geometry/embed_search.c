@@ -147,8 +147,8 @@ static int sbi_embed_descend(const sbi_embed_model *model, const sb_real h[3], i
  * every release is followed by a descent. */
 static void sbi_embed_minimise(const sbi_embed_model *model, int is_box, sbi_embed_state *state)
 {
-    sb_real h[3], tolerance = 64 * SB_EPSILON * (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) +
-                                                 sb_abs(model->g[2]));
+    sb_real h[3], tolerance = 64 * SB_EPSILON *
+                              (sb_m3_trace(model->a) + sb_abs(model->g[0]) + sb_abs(model->g[1]) + sb_abs(model->g[2]));
     for (int round = 0; round < 24; round++) {
         int released;
         sbi_embed_model_gradient(model, state, is_box, h);

@@ -36,28 +36,28 @@ typedef struct sbi_embed_volume {
     sb_allocator allocator;
     const sb_mesh *mesh;
     int width, corners, faces;
-    int is_box;                /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
-    sb_real scale;             /* largest coordinate (m): rounding errors are epsilon times this */
-    sb_boundary boundary;      /* with the nodes of the volume */
+    int is_box;                     /* hexes: parameters in [-1, 1]^3; else barycentric coordinates */
+    sb_real scale;                  /* largest coordinate (m): rounding errors are epsilon times this */
+    sb_boundary boundary;           /* with the nodes of the volume */
     sb_index_table neighbours;      /* of elements across their faces */
     sb_index_table face_neighbours; /* of boundary faces across their edges */
-    int *boundary_face;        /* [elements][faces] or -1 */
-    sb_real (*planes)[4][4];   /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
-    sb_real *bulge;            /* [elements] how far the element may lie from its straight one (m) */
-    int leaf_first;            /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
-    int *order;                /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
+    int *boundary_face;             /* [elements][faces] or -1 */
+    sb_real (*planes)[4][4]; /* [elements] tets: L_a(v) = p[0..2] . v + p[3] of the straight element; else NULL */
+    sb_real *bulge;          /* [elements] how far the element may lie from its straight one (m) */
+    int leaf_first;          /* index of the first leaf box; box i has the children 2 i + 1 and 2 i + 2 */
+    int *order;              /* [elements] as the leaves hold them, SBI_EMBED_LEAF each */
     sbi_embed_box *boxes;
     sbi_embed_face face;
-    sb_real *weights;          /* [boundary faces][face nodes] angle at the node (rad) */
-    sb_vec3 *normals;          /* [nodes] smooth unit normals of the boundary; zero inside */
+    sb_real *weights; /* [boundary faces][face nodes] angle at the node (rad) */
+    sb_vec3 *normals; /* [nodes] smooth unit normals of the boundary; zero inside */
 } sbi_embed_volume;
 
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:

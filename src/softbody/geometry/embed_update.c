@@ -13,28 +13,29 @@ static void sbi_embed_simplex_lanes(sb_element_type type, const sb_real *const x
     sb_real bary[4][SBI_EMBED_LANES];
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type), curved = nodes > corners;
     SBI_EMBED_EACH_LANE(l)
-        bary[0][l] = 1;
+    bary[0][l] = 1;
     for (int a = 1; a < corners; a++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             bary[a][l] = xi[a - 1][l];
             bary[0][l] -= xi[a - 1][l];
         }
     for (int a = 0; a < corners; a++)
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
+    lanes->shape[a][l] = curved ? bary[a][l] * (2 * bary[a][l] - 1) : bary[a][l];
     for (int a = corners; a < nodes; a++) {
         const sb_real *p = bary[edges[a - corners][0]], *q = bary[edges[a - corners][1]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = 4 * p[l] * q[l];
+        lanes->shape[a][l] = 4 * p[l] * q[l];
     }
     for (int a = 0; slopes && a < nodes; a++) {
         int p = a < corners ? a : edges[a - corners][0], q = a < corners ? a : edges[a - corners][1];
         for (int k = 0; k < 3; k++) {
             sb_real dp = (sb_real)((p == k + 1) - (p == 0)), dq = (sb_real)((q == k + 1) - (q == 0));
             SBI_EMBED_EACH_LANE(l)
-                lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
-                                        : curved     ? (4 * bary[a][l] - 1) * dp
-                                                     : dp;
+            lanes->slope[a][k][l] = a >= corners ? 4 * (bary[p][l] * dq + bary[q][l] * dp)
+                                    : curved     ? (4 * bary[a][l] - 1) * dp
+                                                 : dp;
         }
     }
 }
@@ -47,7 +48,8 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     const sb_real half = (sb_real)0.5;
     sb_real side[3][2][SBI_EMBED_LANES];
     for (int k = 0; k < 3; k++)
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             sb_real x = k < dimension ? xi[k][l] : -(sb_real)1;
             side[k][0][l] = half - half * x;
             side[k][1][l] = half + half * x;
@@ -55,10 +57,11 @@ static void sbi_embed_box_lanes(int dimension, const sb_real *const xi[3], int s
     for (int a = 0; a < (1 << dimension); a++) {
         const sb_real *x = side[0][corner[a][0]], *y = side[1][corner[a][1]], *z = side[2][corner[a][2]];
         SBI_EMBED_EACH_LANE(l)
-            lanes->shape[a][l] = x[l] * y[l] * z[l];
+        lanes->shape[a][l] = x[l] * y[l] * z[l];
         if (!slopes)
             continue;
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             lanes->slope[a][0][l] = (corner[a][0] ? half : -half) * y[l] * z[l];
             lanes->slope[a][1][l] = (corner[a][1] ? half : -half) * x[l] * z[l];
             lanes->slope[a][2][l] = dimension == 3 ? (corner[a][2] ? half : -half) * x[l] * y[l] : (sb_real)0;
@@ -78,7 +81,8 @@ static void sbi_embed_shape_lanes(sb_element_type type, const sb_real *const xi[
         sbi_embed_box_lanes(sb_element_dimension(type), xi, slopes, lanes);
         return;
     }
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_real at[3], shape[SB_MAX_ELEMENT_NODES], slope[SB_MAX_ELEMENT_NODES][3];
         at[0] = xi[0][l], at[1] = xi[1][l], at[2] = xi[2][l];
         sb_element_shape(type, at, shape, slopes ? slope : NULL);
@@ -117,7 +121,7 @@ SBI_API void sbi_embed_slot_shape(const sb_embedding *e, sb_embedding_hold hold,
     for (int a = 0; a < count; a++)
         for (int k = 0; k < 3; k++)
             SBI_EMBED_EACH_LANE(l)
-                lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
+    lanes->shape[a][l] += lanes->slope[a][k][l] * e->offsets[k][slot + l];
 }
 
 SBI_API sb_mat3 sbi_embed_face_frame(sb_vec3 a, sb_vec3 b)
@@ -136,7 +140,8 @@ SBI_API void sbi_embed_tangents(const sbi_embed_cell *cell, const sbi_embed_lane
 static void sbi_embed_carry(const sb_embedding *e, int slot, const sbi_embed_vec3 g[3], sbi_embed_vec3 *out)
 {
     sb_real unused[SBI_EMBED_LANES];
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         sb_vec3 sum = sb_v3(0, 0, 0);
         for (int k = 0; k < 3; k++)
             sum = sb_v3_madd(sum, e->carried[k][slot + l],
@@ -162,7 +167,8 @@ static void sbi_embed_slots_offset(const sb_embedding *e, const sbi_embed_cell *
         sb_real scale[SBI_EMBED_LANES], along[SBI_EMBED_LANES];
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->x, &g[k]);
         sbi_embed_sum(cell->count, lanes->slope[0][k], 3 * SBI_EMBED_LANES, cell->normal, &turn);
-        SBI_EMBED_EACH_LANE(l) {
+        SBI_EMBED_EACH_LANE(l)
+        {
             scale[l] = distance[l] * inverse[l];
             along[l] = -(turn.x[l] * g[2].x[l] + turn.y[l] * g[2].y[l] + turn.z[l] * g[2].z[l]);
         }
@@ -180,7 +186,8 @@ static void sbi_embed_slots_frame(const sb_embedding *e, const sbi_embed_cell *c
     sbi_embed_vec3 tangent[3];
     sbi_embed_sum(cell->count, lanes->shape[0], SBI_EMBED_LANES, cell->x, at);
     sbi_embed_tangents(cell, lanes, tangent);
-    SBI_EMBED_EACH_LANE(l) {
+    SBI_EMBED_EACH_LANE(l)
+    {
         int s = slot + l;
         sb_mat3 frame = sbi_embed_face_frame(sbi_embed_lane(&tangent[0], l), sbi_embed_lane(&tangent[1], l));
         sb_vec3 offset = sb_v3(e->offsets[0][s], e->offsets[1][s], e->offsets[2][s]);
@@ -220,7 +227,7 @@ static void sbi_embed_group_points(const sbi_embed_frame *frame, const sbi_embed
         else
             sbi_embed_slots_volume(e, &cell, &lanes, slot, &at, wanted);
         SBI_EMBED_EACH_LANE(l) /* padding writes its point again */
-            frame->points[point[l]] = sbi_embed_lane(&at, l);
+        frame->points[point[l]] = sbi_embed_lane(&at, l);
         for (int l = 0; normals && l < SBI_EMBED_LANES; l++)
             normals[point[l]] = sbi_embed_lane(&normal, l);
     }
@@ -295,8 +302,7 @@ SB_API sb_result sb_embedding_update(sb_embedding *embedding, const sb_vec3 *nod
                                      sb_vec3 *normals, const sb_jobs *jobs)
 {
     sbi_embed_frame frame;
-    if (!embedding || !node_positions || !points ||
-        (normals && !embedding->rest_normals && !embedding->rings.starts))
+    if (!embedding || !node_positions || !points || (normals && !embedding->rest_normals && !embedding->rings.starts))
         return SB_ERROR_ARGUMENT;
     if (sbi_embed_is_stale(embedding))
         return SB_ERROR_MEMORY;

@@ -58,8 +58,8 @@ SBI_API sb_real sbi_embed_face_angle(const sbi_embed_face *face, const sb_vec3 *
     for (int k = 0; k < 2; k++) {
         t[k] = sb_v3(0, 0, 0);
         for (int j = 0; j < face->nodes; j++)
-            t[k] = sb_v3_madd(
-                t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
+            t[k] =
+                sb_v3_madd(t[k], gradient[j][0] * (ends[k][0] - at[0]) + gradient[j][1] * (ends[k][1] - at[1]), x[j]);
     }
     return sb_atan2(sb_v3_norm(sb_v3_cross(t[0], t[1])), sb_v3_dot(t[0], t[1]));
 }
@@ -195,8 +195,7 @@ static sb_real sbi_embed_bulge(const sbi_embed_volume *volume, const sb_vec3 *x)
 /* L_a as linear functions of the position, for the straight tet of four corners. */
 static void sbi_embed_fill_planes(const sb_vec3 *x, sb_real (*planes)[4])
 {
-    sb_mat3 inverse =
-        sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
+    sb_mat3 inverse = sb_m3_inverse(sb_m3_columns(sb_v3_sub(x[1], x[0]), sb_v3_sub(x[2], x[0]), sb_v3_sub(x[3], x[0])));
     for (int k = 0; k < 4; k++)
         planes[0][k] = 0;
     for (int a = 1; a < 4; a++) {
@@ -306,8 +305,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator,
-                                          sbi_embed_volume *volume, sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
+                                          sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;

@@ -66,7 +66,8 @@ static sb_result sbi_grid_check_def(const sb_grid_def *def, sb_error *error)
     if (def->inner_count < 0 || def->inner_count >= SB_GRID_MAX_SHAPES || (def->inner_count > 0 && !def->inner))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.inner is NULL, or def.inner_count %d not in [0, %d]",
                         def->inner_count, SB_GRID_MAX_SHAPES - 1);
-    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) || !(def->least_share < 1))
+    if (!(def->void_stiffness >= 0) || !(def->void_stiffness < 1) || !(def->least_share >= 0) ||
+        !(def->least_share < 1))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "def.void_stiffness %g and def.least_share %g must be in [0, 1)",
                         (double)def->void_stiffness, (double)def->least_share);
     if (def->max_points < 8)
@@ -129,7 +130,8 @@ static sb_result sbi_grid_lay_out(const sb_grid_def *def, sb_grid *grid, sb_erro
     edge = def->cell_size > 0 ? (double)def->cell_size : longest / def->cells;
     for (int i = 0; i < 3; i++) {
         begin[i] = from[i];
-        counts[i] = given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
+        counts[i] =
+            given ? (double)def->counts[i] : sbi_grid_count_cubes(from[i], from[i] + extent[i], edge, &begin[i]);
     }
     if (!(counts[0] * counts[1] * counts[2] < INT32_MAX / 64))
         return sbi_fail(error, SB_ERROR_UNSUPPORTED, "a grid of %g x %g x %g cells is too large", counts[0], counts[1],

@@ -3,9 +3,10 @@
 
 /* ---- distances ---- */
 
-/* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the closest
- * point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
-static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point, int *near)
+/* Signed distance of a closed surface. The triangle found last time is a good guess for the next point; where the
+ * closest point is in a face, the sign is that face's. doubtful: as sbi_surface_find_doubtful, or NULL. */
+static sb_real sbi_grid_surface_distance(const sb_surface *surface, const unsigned char *doubtful, sb_vec3 point,
+                                         int *near)
 {
     sb_surface_hit hit;
     sb_vec3 normal;
@@ -44,7 +45,8 @@ SBI_API sb_result sbi_grid_find_doubtful(sbi_grid_work *work, sb_error *error)
             return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(surface, turned, NULL),
                                     "the surface of %s is inside out, or a part of it is (element %d belongs to it): "
                                     "sb_surface_repair turns it",
-                                    s == 0 ? "def.outer" : "an inner shape", sb_surface_triangle(surface, turned, NULL));
+                                    s == 0 ? "def.outer" : "an inner shape",
+                                    sb_surface_triangle(surface, turned, NULL));
         if (!sb_surface_is_closed(surface)) {
             work->open |= 1u << s;
             continue;

@@ -46,9 +46,9 @@ static void sbi_grid_classify_block(void *user, int index)
     int bx = sbi_grid_blocks(counts[0]), by = sbi_grid_blocks(counts[1]);
     int x0 = index % bx * SBI_GRID_BLOCK, y0 = index / bx % by * SBI_GRID_BLOCK, z0 = index / bx / by * SBI_GRID_BLOCK;
     sb_vec3 half = sb_v3_scale((sb_real)0.5, grid->cell_size);
-    sbi_grid_box block = sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK),
-                                           sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
-                                           (1u << work->shape_count) - 1, 0);
+    sbi_grid_box block =
+        sbi_grid_make_box(sbi_grid_middle(grid, x0, y0, z0, SBI_GRID_BLOCK), sb_v3_scale((sb_real)SBI_GRID_BLOCK, half),
+                          (1u << work->shape_count) - 1, 0);
     int good = sbi_grid_decide(work, sb_v3_norm(block.half), &block);
     for (int z = z0; z < sbi_min_int(z0 + SBI_GRID_BLOCK, counts[2]); z++)
         for (int y = y0; y < sbi_min_int(y0 + SBI_GRID_BLOCK, counts[1]); y++)
@@ -97,8 +97,8 @@ static sb_result sbi_grid_list_candidates(sbi_grid_work *work, int boxes, sb_err
             break;
         work->candidates = (sbi_grid_candidate *)sbi_alloc(allocator, (size_t)count, sizeof *work->candidates);
         work->cut = (int *)sbi_alloc(allocator, (size_t)cut, sizeof(int));
-        work->parts = (sbi_grid_part *)sbi_alloc_zeroed(allocator, (size_t)cut,
-                                                        (size_t)work->slot_count * sizeof *work->parts);
+        work->parts =
+            (sbi_grid_part *)sbi_alloc_zeroed(allocator, (size_t)cut, (size_t)work->slot_count * sizeof *work->parts);
         if (!work->candidates || !work->cut || !work->parts)
             return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d cells of a grid", count);
     }
@@ -115,8 +115,9 @@ SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error)
     work->inside = (unsigned *)sbi_alloc(allocator, (size_t)boxes, sizeof(unsigned));
     if (!work->undecided || !work->inside)
         return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d boxes of a grid", boxes);
-    result = sbi_grid_run(work, sbi_grid_classify_block,
-                          sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
+    result =
+        sbi_grid_run(work, sbi_grid_classify_block,
+                     sbi_grid_blocks(counts[0]) * sbi_grid_blocks(counts[1]) * sbi_grid_blocks(counts[2]), 0.1, error);
     return result == SB_OK ? sbi_grid_list_candidates(work, boxes, error) : result;
 }
 

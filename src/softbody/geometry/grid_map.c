@@ -129,7 +129,8 @@ static int sbi_grid_find_cell(const sb_grid *grid, sb_vec3 point, double *gap)
 }
 
 /* Appends the row of a point; `index` names it in errors. */
-static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what, sb_error *error)
+static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int index, const char *what,
+                                  sb_error *error)
 {
     const sb_grid *grid = filling->grid;
     double xi[3], shape[8], gap;
@@ -154,8 +155,8 @@ static sb_result sbi_grid_add_row(sbi_grid_filling *filling, sb_vec3 point, int 
     return SB_OK;
 }
 
-SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count, const sb_allocator *allocator,
-                                    sb_grid_rows *rows, sb_error *error)
+SB_API sb_result sb_grid_map_points(const sb_grid *grid, const sb_vec3 *points, int count,
+                                    const sb_allocator *allocator, sb_grid_rows *rows, sb_error *error)
 {
     sbi_grid_filling filling;
     sb_result result;
@@ -208,8 +209,8 @@ static sb_result sbi_grid_add_surface_point(sbi_grid_filling *filling, const sb_
     return sbi_grid_add_row(filling, point, triangle, "a point of triangle", error);
 }
 
-/* Appends the points of a triangle. Each piece, upright or upside down in the net of lines parallel to the edges, has the
- * three points of the rule of degree 2. */
+/* Appends the points of a triangle. Each piece, upright or upside down in the net of lines parallel to the edges, has
+ * the three points of the rule of degree 2. */
 static sb_result sbi_grid_add_triangle(sbi_grid_filling *filling, const sb_vec3 corners[3], int pieces, int triangle,
                                        sb_error *error)
 {
@@ -239,7 +240,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
 {
     sb_result result;
     if (!grid || !grid->lattice || !surface || !rows || (triangles && count < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_grid_map_surface needs a grid, a surface and a place for the rows");
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "sb_grid_map_surface needs a grid, a surface and a place for the rows");
     result = sbi_mesh_check_arrays(surface, error);
     if (result != SB_OK)
         return result;
@@ -248,7 +250,8 @@ static sb_result sbi_grid_check_triangles(const sb_grid *grid, const sb_mesh *su
                         sb_element_name(surface->element_type));
     for (int i = 0; triangles && i < count; i++)
         if (triangles[i] < 0 || triangles[i] >= surface->element_count)
-            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d", triangles[i]);
+            return sbi_fail_element(error, SB_ERROR_INDEX, triangles[i], "the surface has no triangle %d",
+                                    triangles[i]);
     return SB_OK;
 }
 

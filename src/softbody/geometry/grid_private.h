@@ -10,58 +10,58 @@
 
 /* A box of the octree. Bits of shapes: bit 0 the outer one, bit i the inner shape i - 1. */
 typedef struct sbi_grid_box {
-    sb_vec3 centre, half;   /* m */
-    unsigned undecided;     /* shapes whose surface may cut the box */
-    unsigned inside;        /* shapes that the whole box is inside of */
+    sb_vec3 centre, half;         /* m */
+    unsigned undecided;           /* shapes whose surface may cut the box */
+    unsigned inside;              /* shapes that the whole box is inside of */
     int near[SB_GRID_MAX_SHAPES]; /* triangle of each surface that was closest to the last centre, or -1 */
 } sbi_grid_box;
 
 /* What one region has of a cell, in shares of the cell. */
 typedef struct sbi_grid_part {
-    double phi[8];          /* share of each octant */
-    double mass[36];        /* int N_a N_b of the pairs a <= b */
+    double phi[8];   /* share of each octant */
+    double mass[36]; /* int N_a N_b of the pairs a <= b */
     int64_t points;
 } sbi_grid_part;
 
 /* A cell that may be kept. */
 typedef struct sbi_grid_candidate {
-    int box;                /* number in the lattice */
-    int level;              /* of its octree */
-    int part;               /* its parts start at this times slot_count, or -1: full of one region */
-    int slot;               /* that region; of a cut cell: the one with most of it */
+    int box;   /* number in the lattice */
+    int level; /* of its octree */
+    int part;  /* its parts start at this times slot_count, or -1: full of one region */
+    int slot;  /* that region; of a cut cell: the one with most of it */
     unsigned undecided, inside;
-    int first_cell;         /* of the body's mesh */
-    int cell_count;         /* there; 0: the cell is dropped */
+    int first_cell; /* of the body's mesh */
+    int cell_count; /* there; 0: the cell is dropped */
 } sbi_grid_candidate;
 
 typedef struct sbi_grid_work {
     const sb_grid_def *def;
     sb_grid *grid;
     int shape_count, slot_count;
-    unsigned open;                       /* shapes, as bits, whose signs only winding numbers give */
+    unsigned open;                               /* shapes, as bits, whose signs only winding numbers give */
     unsigned char *doubtful[SB_GRID_MAX_SHAPES]; /* [triangles] 1: nor does this one; NULL: it crosses nothing */
-    int slot_of[SB_GRID_MAX_SHAPES];     /* slot of each shape's region, or -1: empty */
-    int regions[SB_GRID_MAX_SHAPES];     /* [slot_count] */
-    unsigned *undecided, *inside;        /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
+    int slot_of[SB_GRID_MAX_SHAPES];             /* slot of each shape's region, or -1: empty */
+    int regions[SB_GRID_MAX_SHAPES];             /* [slot_count] */
+    unsigned *undecided, *inside;                /* [boxes]; inside SBI_GRID_BAD: a distance was not finite */
     int candidate_count, cut_count;
-    sbi_grid_candidate *candidates;      /* [candidate_count] */
-    int *cut;                            /* [cut_count] candidates that are cut */
-    sbi_grid_part *parts;                /* [cut_count][slot_count] */
-    sbi_grid_part full;                  /* of a cell inside */
-    double done, total;                  /* tasks, for progress */
-    int first_task;                      /* of the slab being run */
+    sbi_grid_candidate *candidates; /* [candidate_count] */
+    int *cut;                       /* [cut_count] candidates that are cut */
+    sbi_grid_part *parts;           /* [cut_count][slot_count] */
+    sbi_grid_part full;             /* of a cell inside */
+    double done, total;             /* tasks, for progress */
+    int first_task;                 /* of the slab being run */
     sb_task task;
 } sbi_grid_work;
 
 /* Walks an octree and hands points on: to the sums of the cell's parts, or to where finite cells are written. */
 typedef struct sbi_grid_walk {
     const sbi_grid_work *work;
-    sb_vec3 centre;         /* of the cell (m) */
+    sb_vec3 centre; /* of the cell (m) */
     int level;
-    sbi_grid_part *parts;   /* [slot_count], or NULL: */
-    int *at;                /* [slot_count] next point of each region, counted from the cell's first */
-    int first_cell;         /* of the body's mesh */
-    int bad;                /* 1: a distance was not finite */
+    sbi_grid_part *parts; /* [slot_count], or NULL: */
+    int *at;              /* [slot_count] next point of each region, counted from the cell's first */
+    int first_cell;       /* of the body's mesh */
+    int bad;              /* 1: a distance was not finite */
 } sbi_grid_walk;
 
 SB_INLINE const sb_shape *sbi_grid_get_shape(const sb_grid_def *def, int shape)
@@ -105,8 +105,8 @@ SB_INLINE int sbi_grid_is_sparse(const sb_grid_def *def) { return def->method ==
 /* Runs task(work, i) for i in [0, count), by slabs, and reports progress up to `share` of the whole. */
 SBI_API sb_result sbi_grid_run(sbi_grid_work *work, sb_task task, int count, double share, sb_error *error);
 SBI_API sb_result sbi_grid_classify(sbi_grid_work *work, sb_error *error);
-/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely, so
- * that the cells of a grid do not change with the level, and none that is kept is without mass. */
+/* Task: the parts of cut cell `index`. A cell in which the points of its level find nothing is looked at more closely,
+ * so that the cells of a grid do not change with the level, and none that is kept is without mass. */
 SBI_API void sbi_grid_measure_cell(void *user, int index);
 SBI_API double sbi_grid_part_share(const sbi_grid_part *part);
 /* Share of a cut cell that is inside; *largest: the region that has most of it. */

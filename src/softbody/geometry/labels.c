@@ -21,8 +21,8 @@ SB_API sb_label_def sb_default_label_def(void)
 
 typedef struct sbi_field_box {
     const sb_label_def *def;
-    int low[3];     /* voxel of the image that value (0, 0, 0) belongs to */
-    int counts[3];  /* of values along each axis */
+    int low[3];    /* voxel of the image that value (0, 0, 0) belongs to */
+    int counts[3]; /* of values along each axis */
     size_t strides[3];
     float *filtered; /* [counts[2]][counts[1]][counts[0]] */
     float *values;   /* of the same size: what is marched, each on its side */
@@ -49,9 +49,9 @@ static int sbi_field_inside(const sbi_field_box *box, int i, int j, int k)
     for (int axis = 0; axis < 3; axis++)
         if (at[axis] < 0 || at[axis] >= image->counts[axis])
             return 0;
-    return sbi_label_is_chosen(box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) *
-                                                           (size_t)image->counts[0] +
-                                                       (size_t)at[0]]);
+    return sbi_label_is_chosen(
+        box->def, image->labels[((size_t)at[2] * (size_t)image->counts[1] + (size_t)at[1]) * (size_t)image->counts[0] +
+                                (size_t)at[0]]);
 }
 
 /* The box of the chosen voxels and how many there are. */
@@ -117,10 +117,12 @@ static void sbi_field_filter(const sbi_field_box *box, float *values)
             sbi_field_filter_axis(box, values, axis);
 }
 
-/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are none. */
+/* Mean of |value - level| over the neighbours across a face that belong to the other side; `own` where there are
+ * none. */
 static float sbi_field_opposite(const sbi_field_box *box, const int at[3], int inside, float level, float own)
 {
-    const float *value = box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *value =
+        box->filtered + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
     float sum = 0;
     int count = 0;
     for (int axis = 0; axis < 3; axis++)
@@ -159,8 +161,8 @@ static void sbi_field_hold(sbi_field_box *box, float level)
             }
 }
 
-/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the filter's
- * width, which GG has sqrt(2) times: with these weights the two cancel. */
+/* Filters the inside. Where a surface is round, G moves its value at the surface by an amount that grows with the
+ * filter's width, which GG has sqrt(2) times: with these weights the two cancel. */
 static void sbi_field_make(sbi_field_box *box)
 {
     const float once = 3.41421356f, twice = 2.41421356f; /* 2 + sqrt(2), 1 + sqrt(2) */
@@ -177,8 +179,8 @@ static void sbi_field_make(sbi_field_box *box)
 }
 
 /* ==== marching cubes ==================================================================================
- * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other two
- * axes, the next one first (x: y z, y: z x, z: x y). */
+ * Corner c of a cube has the bits x, y, z: 1, 2, 4. Edge 4 axis + t goes along the axis; t has the bits of the other
+ * two axes, the next one first (x: y z, y: z x, z: x y). */
 
 enum { SBI_CUBE_EDGES = 12, SBI_CUBE_FACES = 6 };
 
@@ -187,13 +189,12 @@ typedef struct sbi_cube_face {
     unsigned char corners[4], edges[4]; /* edge i joins corners i and i + 1 */
 } sbi_cube_face;
 
-static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {
-    {{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
-    {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
-    {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
-    {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
-    {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
-    {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
+static const sbi_cube_face sbi_cube_faces[SBI_CUBE_FACES] = {{{0, 4, 6, 2}, {8, 5, 10, 4}},  /* x low */
+                                                             {{1, 3, 7, 5}, {6, 11, 7, 9}},  /* x high */
+                                                             {{0, 1, 5, 4}, {0, 9, 2, 8}},   /* y low */
+                                                             {{2, 6, 7, 3}, {10, 3, 11, 1}}, /* y high */
+                                                             {{0, 2, 3, 1}, {4, 1, 6, 0}},   /* z low */
+                                                             {{4, 5, 7, 6}, {2, 7, 3, 5}}};  /* z high */
 
 /* Lower corner and axis of an edge. */
 static int sbi_cube_edge_axis(int edge) { return edge / 4; }
@@ -206,9 +207,9 @@ static int sbi_cube_edge_corner(int edge)
 typedef struct sbi_march {
     sbi_field_box *box;
     sbi_image_frame frame;
-    int mirrored;       /* the axes are left-handed: triangles turn round */
-    int *rows[3][2];    /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
-    sb_vec3 *nodes;     /* NULL while they are counted */
+    int mirrored;    /* the axes are left-handed: triangles turn round */
+    int *rows[3][2]; /* [axis][k even or odd] node on the edge along the axis at (i, j), of this layer and the next */
+    sb_vec3 *nodes;  /* NULL while they are counted */
     int *triangles;
     int64_t node_count, triangle_count;
 } sbi_march;
@@ -265,8 +266,8 @@ static void sbi_march_triangle(sbi_march *march, int a, int b, int c)
     march->triangle_count++;
 }
 
-/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose corners
- * alternate each corner inside is cut off by itself. */
+/* Follows on each face from where the surface enters it: next[edge] is the edge where it leaves. On a face whose
+ * corners alternate each corner inside is cut off by itself. */
 static void sbi_cube_link(int inside, signed char next[SBI_CUBE_EDGES])
 {
     memset(next, -1, SBI_CUBE_EDGES);
@@ -331,12 +332,14 @@ static void sbi_march_loop(sbi_march *march, const int *edges, const int *loop, 
 static void sbi_march_cube(sbi_march *march, const int at[3])
 {
     const sbi_field_box *box = march->box;
-    const float *values = box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
+    const float *values =
+        box->values + (size_t)at[0] + (size_t)at[1] * box->strides[1] + (size_t)at[2] * box->strides[2];
     signed char next[SBI_CUBE_EDGES];
     int inside = 0;
     for (int c = 0; c < 8; c++)
-        inside |= (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
-                  << c;
+        inside |=
+            (values[(size_t)(c & 1) + (size_t)(c >> 1 & 1) * box->strides[1] + (size_t)(c >> 2) * box->strides[2]] > 0)
+            << c;
     if (inside == 0 || inside == 255)
         return;
     sbi_cube_link(inside, next);
@@ -443,7 +446,8 @@ static sb_real sbi_label_set_level(sbi_march *march, float level, const sb_mesh 
 }
 
 /* Finds the level at which the volume is that of the voxels, by false position (Illinois). Where none within the bounds
- * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's sake. */
+ * will do, the nearer bound is taken: beyond them the surface would leave the shape's own place for the volume's
+ * sake. */
 static void sbi_label_fit_volume(sbi_march *march, sb_real wanted, const sb_mesh *mesh)
 {
     const float bound = 0.125f;
@@ -536,13 +540,15 @@ SB_API sb_result sb_image_surface(const sb_label_def *def, sb_mesh *mesh, sb_lab
 
 /* ==== regions ========================================================================================= */
 
-/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none has. */
+/* Label of the nearest voxel that has one, of those up to two away from the point's own along each axis; 0: none
+ * has. */
 static int sbi_label_near(const sb_image *image, const sbi_image_frame *frame, sb_vec3 point)
 {
     sb_real nearest = SB_REAL_MAX;
     int found = 0;
     for (int n = 0; n < 125; n++) {
-        sb_vec3 step = sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
+        sb_vec3 step =
+            sb_m3_apply(frame->axes, sb_v3((sb_real)(n % 5 - 2), (sb_real)(n / 5 % 5 - 2), (sb_real)(n / 25 - 2)));
         int label = sbi_image_lookup(image, frame, sb_v3_add(point, step));
         sb_real distance = sb_v3_norm(step);
         if (label != 0 && distance < nearest) {
@@ -594,7 +600,8 @@ SB_API sb_result sb_image_set_regions(const sb_image *image, sb_mesh *mesh, sb_e
     if (!mesh->regions) {
         mesh->regions = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
         if (!mesh->regions)
-            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements", mesh->element_count);
+            return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the regions of %d elements",
+                            mesh->element_count);
     }
     frame = sbi_image_get_frame(image);
     for (int e = 0; e < mesh->element_count; e++)

@@ -86,7 +86,8 @@ static sb_result sbi_stuffing_check_orientation(const sb_stuff_def *def, sb_erro
         if (!sbi_surface_find_inside_out(def->shapes[shape].surface, &def->allocator, &triangle))
             return sbi_fail(error, SB_ERROR_MEMORY, "out of memory for the parts of a surface");
         if (triangle >= 0)
-            return sbi_fail_element(error, SB_ERROR_MESH, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
+            return sbi_fail_element(error, SB_ERROR_MESH,
+                                    sb_surface_triangle(def->shapes[shape].surface, triangle, NULL),
                                     "the surface of shape %d is inside out, or a part of it is (element %d belongs to "
                                     "it): sb_surface_repair turns it",
                                     shape, sb_surface_triangle(def->shapes[shape].surface, triangle, NULL));
@@ -183,8 +184,8 @@ static sb_result sbi_stuffing_build(sbi_stuffing *s, sb_mesh *mesh)
 }
 
 /* A tet4 mesh with one of the lattice's places; *distance (m) of its boundary from the shape. */
-static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh, sb_real *distance,
-                                   int cells[3], sb_error *error)
+static sb_result sbi_stuffing_make(const sb_stuff_def *def, int attempt, double *reported, sb_mesh *mesh,
+                                   sb_real *distance, int cells[3], sb_error *error)
 {
     sbi_stuffing s;
     sb_result result;

@@ -18,37 +18,38 @@
  * them. Shapes closer together than a cell keep their labels at lattice points, but the face between them gives way by
  * up to a cell; the outer boundary never does. */
 typedef struct sb_stuff_def {
-    const sb_shape *shapes;       /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
-                                   * where the winding number says so) */
-    int shape_count;              /* 1 to SB_STUFF_MAX_SHAPES */
-    sb_vec3 low, high;            /* box (m) that the first shape is sampled in and cut off at; not read where that is a
-                                   * surface, which brings its own */
-    sb_real cell;                 /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
-    int levels;                   /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
-    sb_element_type type;         /* SB_TET4 (default) or SB_TET10 with straight edges */
-    int max_elements;             /* more than that are refused; default 20 million */
-    sb_real least_share;          /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
-                                   * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0: whatever
-                                   * comes out is taken */
+    const sb_shape *shapes; /* [shape_count] borrowed. Surfaces: closed, but they may cross themselves (inside is
+                             * where the winding number says so) */
+    int shape_count;        /* 1 to SB_STUFF_MAX_SHAPES */
+    sb_vec3 low, high;      /* box (m) that the first shape is sampled in and cut off at; not read where that is a
+                             * surface, which brings its own */
+    sb_real cell;           /* edge of the cubic lattice's cells (m) at the surfaces; > 0. 12 tets per cell */
+    int levels;             /* 0: one cell size; k: cells inside grow to up to 2^k cells, in [0, 8] */
+    sb_element_type type;   /* SB_TET4 (default) or SB_TET10 with straight edges */
+    int max_elements;       /* more than that are refused; default 20 million */
+    sb_real least_share;    /* a mesh that keeps less of the first shape, by volume or by surface, or of another one
+                             * by both, is refused with the cell that would do, in [0, 1]; default 0.5. 0:
+                             * whatever comes out is taken */
     int (*progress)(void *user, double fraction); /* called now and then by the caller's thread, fraction in [0, 1];
                                                    * a result other than 0 cancels. Default NULL */
     void *progress_user;
-    sb_allocator allocator;       /* of the mesh and of all scratch; default malloc */
-    sb_jobs jobs;                 /* of sampling; default inline */
-    unsigned cookie;              /* set by sb_default_stuff_def; a def made without it is refused */
+    sb_allocator allocator; /* of the mesh and of all scratch; default malloc */
+    sb_jobs jobs;           /* of sampling; default inline */
+    unsigned cookie;        /* set by sb_default_stuff_def; a def made without it is refused */
 } sb_stuff_def;
 
 /* What came out. */
 typedef struct sb_stuff_report {
-    int cells[3];            /* of the lattice, along x, y, z */
+    int cells[3]; /* of the lattice, along x, y, z */
     int node_count, element_count;
     sb_real min_dihedral, max_dihedral; /* degrees */
-    sb_real distance;        /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
-                              * its triangles; functions: to where a few Newton steps end */
-    sb_real volume;          /* m^3 */
-    /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact but
-     * where they overlap themselves, which counts twice; functions: of a sample of points), and share of its surface
-     * within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies inside). */
+    sb_real distance; /* largest distance (m) of the mesh's boundary to the first shape, at 16 points of each of
+                       * its triangles; functions: to where a few Newton steps end */
+    sb_real volume;   /* m^3 */
+    /* Of each shape, what of it lies in the first one: share of its volume that the mesh has (closed surfaces: exact
+     * but where they overlap themselves, which counts twice; functions: of a sample of points), and share of its
+     * surface within half a cell of the boundary of its part of the mesh. -1: unknown (open surfaces; nothing lies
+     * inside). */
     sb_real volume_share[SB_STUFF_MAX_SHAPES], surface_share[SB_STUFF_MAX_SHAPES];
 } sb_stuff_report;
 
@@ -63,11 +64,11 @@ SB_API sb_stuff_def sb_default_stuff_def(void);
  * where the shape is about as thin as a cell or angles would suffer. Where its triangles cut a corner by more than 0.3
  * cells, nodes slide along the surface and edges are split as long as the angles allow it; when that does not bring the
  * boundary within a third of a cell (a thin part ends between lattice points), up to twelve places of the lattice are
- * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes with
- * sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts that
- * come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is missing;
- * where it is more than def->least_share allows, there is no mesh but an error that names a cell for the thickness of
- * what is missing.
+ * tried and the nearest mesh is kept. Look at report->distance where it matters: it is larger still for some shapes
+ * with sharp thin parts. What is thinner than a cell may be missing, in part or as a whole, or join across a gap; parts
+ * that come loose stay (sb_mesh_components finds them). report->volume_share and surface_share report how much is
+ * missing; where it is more than def->least_share allows, there is no mesh but an error that names a cell for the
+ * thickness of what is missing.
  *
  * mesh: overwritten, not freed. report: or NULL. Nodes and elements are numbered as by sb_mesh_reorder; the same bits
  * for any number of threads. Failures leave mesh and report untouched: SB_ERROR_ARGUMENT (field named; more cells or

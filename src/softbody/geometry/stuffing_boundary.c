@@ -132,8 +132,8 @@ static sb_real sbi_stuffing_distance_round(const sbi_stuffing_rim *rim, int node
  * closer to the surface. Returns 1 when it did. */
 static int sbi_stuffing_slide(sbi_stuffing_rim *rim, int node, sb_vec3 from, sb_vec3 by)
 {
-    static const sb_real scales[6][2] = {
-        {1, 0}, {(sb_real)0.5, 0}, {2, 0}, {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
+    static const sb_real scales[6][2] = {{1, 0}, {(sb_real)0.5, 0},  {2, 0},
+                                         {0, 0}, {0, (sb_real)0.25}, {0, (sb_real)0.5}};
     sb_vec3 start = rim->boundary.surface.nodes[node], best = start;
     sb_real least = 0;
     for (int k = rim->faces.offsets[node]; k < rim->faces.offsets[node + 1]; k++)
@@ -368,7 +368,8 @@ SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *m
     return result;
 }
 
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report)
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report)
 {
     memcpy(report->cells, cells, sizeof report->cells);
     report->node_count = mesh->node_count;

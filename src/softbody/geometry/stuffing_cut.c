@@ -240,7 +240,7 @@ SBI_API sb_result sbi_stuffing_cut(sbi_stuffing *s)
     if (!s->cut_node || !s->cut_positions || cuts > (size_t)(INT_MAX - s->active.count))
         return sbi_stuffing_no_memory(s);
     memset(s->cut_node, 0xff, edges * sizeof(int)); /* all -1 */
-    for (int pass = 0; pass < 2; pass++) { /* count, then fill */
+    for (int pass = 0; pass < 2; pass++) {          /* count, then fill */
         s->element_count = 0;
         for (int t = 0; t < s->tet_count && s->element_count < INT_MAX - 8; t++)
             sbi_stuffing_cut_tet(s, s->tets + 4 * (size_t)t);

@@ -9,8 +9,8 @@ typedef struct sbi_stuffing_cube {
     uint64_t known, inside;
 } sbi_stuffing_cube;
 
-/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0, or
- * -1: not decided; -2: the distance is not finite. */
+/* Whether a shape contains a point, decided only when its surface is farther away than `reach` (m; 0: anyhow): 1 or 0,
+ * or -1: not decided; -2: the distance is not finite. */
 static int sbi_stuffing_contains(const sbi_stuffing *s, int shape, sb_vec3 p, sb_real reach)
 {
     const sb_shape *g = s->def->shapes + shape;
@@ -134,8 +134,8 @@ SBI_API sb_result sbi_stuffing_sample(sbi_stuffing *s)
     int layers = sbi_stuffing_blocks(s, 2), count = sbi_stuffing_blocks(s, 0) * sbi_stuffing_blocks(s, 1);
     sb_result result = SB_OK;
     s->labels = (unsigned char *)sbi_alloc_zeroed(&s->def->allocator, s->point_count, 1);
-    s->failures = (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64),
-                                                    sizeof *s->failures);
+    s->failures =
+        (sbi_stuffing_failure *)sbi_alloc(&s->def->allocator, (size_t)sbi_max_int(count, 64), sizeof *s->failures);
     if (!s->labels || !s->failures)
         return sbi_stuffing_no_memory(s);
     for (s->first = 0; s->first < layers && result == SB_OK; s->first++) {

@@ -67,10 +67,7 @@ SBI_API unsigned char sbi_stuffing_label_at(const sbi_stuffing *s, sb_vec3 p)
     return 1;
 }
 
-SBI_API int sbi_stuffing_separator(int a, int b)
-{
-    return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1;
-}
+SBI_API int sbi_stuffing_separator(int a, int b) { return a == 0 || b == 0 ? 0 : sbi_max_int(a, b) - 1; }
 
 /* ---- the lattice ---- */
 
@@ -142,7 +139,8 @@ SBI_API sb_result sbi_stuffing_progress(sbi_stuffing *s, double fraction)
 {
     *s->reported = fraction > *s->reported ? fraction : *s->reported;
     if (s->def->progress && s->def->progress(s->def->progress_user, *s->reported))
-        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%", 100 * *s->reported);
+        return sbi_fail(s->error, SB_ERROR_CANCELLED, "stopped by the progress callback at %.0f %%",
+                        100 * *s->reported);
     return SB_OK;
 }
 

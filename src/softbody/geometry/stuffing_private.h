@@ -10,13 +10,13 @@
 /* ---- stuffing_lattice.c ---- */
 
 #define SBI_STUFF_COOKIE 0x53545546u
-#define SBI_STUFF_BLOCK 16         /* half cells along a block of sampling: 8 cells */
-#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285)   /* parts of an edge within which its end is warped to the cut */
+#define SBI_STUFF_BLOCK 16                    /* half cells along a block of sampling: 8 cells */
+#define SBI_STUFF_ALPHA_LONG ((sb_real)0.285) /* parts of an edge within which its end is warped to the cut */
 #define SBI_STUFF_ALPHA_SHORT ((sb_real)0.3975)
 #define SBI_STUFF_SHORT ((sb_real)0.8660254037844386) /* length of a short edge in cells */
 #define SBI_STUFF_MAX_LEVELS 8
-#define SBI_STUFF_EDGES 7          /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
-#define SBI_STUFF_CHUNK 128        /* surface points per task */
+#define SBI_STUFF_EDGES 7   /* edges that a point owns: +x, +y, +z, and four to points half a cell up z */
+#define SBI_STUFF_CHUNK 128 /* surface points per task */
 
 /* A set of lattice points that numbers its members in lattice order: count before each word, and bits within it. */
 typedef struct sbi_stuffing_set {
@@ -35,9 +35,9 @@ typedef enum sbi_stuffing_state {
 /* A point with an edge to another label. */
 typedef struct sbi_stuffing_point {
     int half[3];
-    int active;             /* its number among the points of the mesh */
+    int active; /* its number among the points of the mesh */
     unsigned char label, state;
-    sb_real moved;          /* distance from its place in the lattice, in cells */
+    sb_real moved;                /* distance from its place in the lattice, in cells */
     sb_real cut[SBI_STUFF_EDGES]; /* fraction along each owned edge to where the label changes; -1: it does not */
 } sbi_stuffing_point;
 
@@ -50,29 +50,29 @@ typedef struct sbi_stuffing {
     const sb_stuff_def *def;
     sb_error *error;
     sb_vec3 low, high, origin;
-    int attempt;                  /* 0: the lattice is centred; each other number shifts it in its own way */
-    double *reported;             /* fraction that the progress callback was notified of, over all attempts */
-    sb_real half;                 /* m, half a cell */
-    int n[3];                     /* cells, multiples of 2^levels */
-    size_t stride[3];             /* of cells in labels: 1, n + 1, ... */
-    size_t point_count;           /* of the lattice: two per cell, cells of the last layer half used */
-    unsigned char *labels;        /* [point_count] 1 + shape, 0 outside */
+    int attempt;           /* 0: the lattice is centred; each other number shifts it in its own way */
+    double *reported;      /* fraction that the progress callback was notified of, over all attempts */
+    sb_real half;          /* m, half a cell */
+    int n[3];              /* cells, multiples of 2^levels */
+    size_t stride[3];      /* of cells in labels: 1, n + 1, ... */
+    size_t point_count;    /* of the lattice: two per cell, cells of the last layer half used */
+    unsigned char *labels; /* [point_count] 1 + shape, 0 outside */
     unsigned char *split[SBI_STUFF_MAX_LEVELS + 1]; /* 1: this cell of size 2^level is made of smaller ones */
     sbi_stuffing_set surface, active;
     int tet_count;
-    int *tets;                    /* [tet_count][4] active points */
-    sb_vec3 *positions;           /* [active.count] */
-    unsigned char *active_label;  /* [active.count] */
-    int *point_of;                /* [active.count] surface point, or -1 */
-    sbi_stuffing_point *points;   /* [surface.count] */
-    sb_real *values;              /* [surface.count][shapes] distances, where an edge needs them */
+    int *tets;                      /* [tet_count][4] active points */
+    sb_vec3 *positions;             /* [active.count] */
+    unsigned char *active_label;    /* [active.count] */
+    int *point_of;                  /* [active.count] surface point, or -1 */
+    sbi_stuffing_point *points;     /* [surface.count] */
+    sb_real *values;                /* [surface.count][shapes] distances, where an edge needs them */
     sbi_stuffing_failure *failures; /* one per task of a slice */
-    int first;                    /* first block or point of the slice that tasks work on */
+    int first;                      /* first block or point of the slice that tasks work on */
     /* what the stencils make */
-    int *cut_node;                /* [surface.count][7] node of the cut, -1: none yet */
+    int *cut_node; /* [surface.count][7] node of the cut, -1: none yet */
     sb_vec3 *cut_positions;
     int cut_count;
-    int *elements;                /* [element_count][4] active points, then cuts */
+    int *elements; /* [element_count][4] active points, then cuts */
     unsigned char *element_labels;
     int element_count, element_capacity;
 } sbi_stuffing;
@@ -160,13 +160,13 @@ SBI_API sb_result sbi_stuffing_enumerate(sbi_stuffing *s);
 
 /* What a tet sees: its surface points (-1: a point in the middle of its region), and its labels without zeros. */
 typedef struct sbi_stuffing_view {
-    const int *nodes;  /* active points */
+    const int *nodes; /* active points */
     int point[4];
-    int label[4];      /* -1: a zero */
-    int outside;       /* a strict point lies outside: the regions count as one side */
+    int label[4]; /* -1: a zero */
+    int outside;  /* a strict point lies outside: the regions count as one side */
     int zeros, inner_zeros;
-    int a, b;          /* two different labels among the strict, not outside; -1: none */
-    int more;          /* 1: there are further labels */
+    int a, b; /* two different labels among the strict, not outside; -1: none */
+    int more; /* 1: there are further labels */
 } sbi_stuffing_view;
 
 SBI_API void sbi_stuffing_value_task(void *user, int index);
@@ -194,14 +194,15 @@ SBI_API sb_result sbi_stuffing_collect(sbi_stuffing *s, sb_mesh *mesh);
 
 #define SBI_STUFF_FAR ((sb_real)0.3) /* cells */
 #define SBI_STUFF_ROUNDS 8
-#define SBI_STUFF_ATTEMPTS 12          /* places of the lattice that are tried while the boundary is too far off */
-#define SBI_STUFF_SPLITS 4             /* rounds of splitting edges where sliding does not do */
-#define SBI_STUFF_SAMPLES 16         /* of a triangle: the first few decide whether the others are worth a look */
-#define SBI_STUFF_FIRST_SAMPLES 7    /* corners, middles of edges, centre */
+#define SBI_STUFF_ATTEMPTS 12     /* places of the lattice that are tried while the boundary is too far off */
+#define SBI_STUFF_SPLITS 4        /* rounds of splitting edges where sliding does not do */
+#define SBI_STUFF_SAMPLES 16      /* of a triangle: the first few decide whether the others are worth a look */
+#define SBI_STUFF_FIRST_SAMPLES 7 /* corners, middles of edges, centre */
 
 /* Brings the boundary close to the surface and reports how close it is. */
 SBI_API sb_result sbi_stuffing_finish_boundary(const sbi_stuffing *s, sb_mesh *mesh, sb_real *distance);
 /* All but the shares. */
-SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3], sb_stuff_report *report);
+SBI_API void sbi_stuffing_fill_report(const sb_mesh *mesh, sb_real distance, const int cells[3],
+                                      sb_stuff_report *report);
 
 #endif /* SBI_STUFFING_PRIVATE_H */

@@ -5,7 +5,7 @@
 #include <stdio.h>
 
 enum {
-    SBI_SHARE_LEAST = 400,     /* samples of a shape's surface */
+    SBI_SHARE_LEAST = 400, /* samples of a shape's surface */
     SBI_SHARE_MOST = 20000,
     SBI_SHARE_POINTS = 400000, /* of a box in which a function is sampled */
     SBI_SHARE_STEPS = 200      /* of a search for the far side of a function */
@@ -20,7 +20,7 @@ typedef struct sbi_share_sample {
 
 typedef struct sbi_share {
     const sb_stuff_def *def;
-    int number;                /* of the shape */
+    int number; /* of the shape */
     const sb_shape *shape;
     sb_vec3 low, high;         /* box that functions are sampled in */
     sbi_share_sample *samples; /* [SBI_SHARE_MOST] of the surface that lies in the first shape */
@@ -133,7 +133,8 @@ static void sbi_share_project(sbi_share *share, sb_vec3 p, sb_real value, sb_rea
         sbi_share_add(share, p, sb_v3_scale((sb_real)1 / sb_sqrt(square), gradient), -1);
 }
 
-/* One random point in each cell of a grid over the box: those inside give the volume, those near the surface samples. */
+/* One random point in each cell of a grid over the box: those inside give the volume, those near the surface
+ * samples. */
 static void sbi_share_sample_function(sbi_share *share)
 {
     sb_vec3 size = sb_v3_sub(share->high, share->low);
@@ -151,9 +152,9 @@ static void sbi_share_sample_function(sbi_share *share)
             for (int i = 0; i < (int)n[0]; i++) {
                 sb_vec3 at = sb_v3((sb_real)i + sbi_share_dice(share), (sb_real)j + sbi_share_dice(share),
                                    (sb_real)k + sbi_share_dice(share));
-                sb_vec3 p = sb_v3(share->low.x + at.x * size.x / (sb_real)n[0],
-                                  share->low.y + at.y * size.y / (sb_real)n[1],
-                                  share->low.z + at.z * size.z / (sb_real)n[2]);
+                sb_vec3 p =
+                    sb_v3(share->low.x + at.x * size.x / (sb_real)n[0], share->low.y + at.y * size.y / (sb_real)n[1],
+                          share->low.z + at.z * size.z / (sb_real)n[2]);
                 sb_real value = sbi_share_value(share->shape, p);
                 int is_near = slope == 0 || sb_abs(value) <= slope * h;
                 inside += value < 0 && (share->number == 0 || sbi_share_is_kept(share, p));
@@ -276,7 +277,8 @@ static int sbi_share_trusts_volume(const sbi_share *share)
         return 1;
     memset(&crossings, 0, sizeof crossings);
     memset(&crowds, 0, sizeof crowds);
-    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 && crossings.count == 0;
+    return sbi_surface_find_crossings(s, &share->def->allocator, &crossings, &crowds, NULL) == 0 &&
+           crossings.count == 0;
 }
 
 /* Names the cell that would keep the shape. A third of what may be missing is allowed to be thinner. */

@@ -152,10 +152,10 @@ SBI_API sb_result sbi_stuffing_over_points(sbi_stuffing *s, sb_task task, double
 
 /* One edge of a surface point, seen from it. */
 typedef struct sbi_stuffing_edge {
-    int other;       /* surface point */
+    int other;                /* surface point */
     sb_real fraction, length; /* of the cut from the point; of the edge in cells */
     sb_real alpha;
-    int inner;       /* 1: between two regions; 0: to the outside */
+    int inner; /* 1: between two regions; 0: to the outside */
 } sbi_stuffing_edge;
 
 /* Edge k in [0, 14) of a surface point; 0 when no cut is left on it. A cut to the outside lives while its outer end is
@@ -339,14 +339,14 @@ static int sbi_stuffing_relax_tet(sbi_stuffing *s, const int *nodes)
  * Where the shape is about as thin as a cell, parts of it can come to touch at a zero or along an edge of zeros. A zero
  * sees 14 neighbours, the corners of 24 triangles round it. The boundary is a single sheet there when the triangles
  * that have something inside hang together, and those outside, across edges of the triangles. Where it is not, the zero
- * is freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep their
- * bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have manifold
- * boundaries: this ends. */
+ * is freed: it goes back to its place and its side, and cuts nearer to it than alpha are put at alpha (angles keep
+ * their bounds, the boundary leaves the surface there by less than a third of a cell). Lattices without zeros have
+ * manifold boundaries: this ends. */
 
 typedef struct sbi_stuffing_link {
-    int step[14][3];       /* to the neighbours: 6 long edges, 8 short */
+    int step[14][3]; /* to the neighbours: 6 long edges, 8 short */
     int triangle[24][3];
-    int beside[24][3];     /* triangle across the edge opposite corner i */
+    int beside[24][3]; /* triangle across the edge opposite corner i */
 } sbi_stuffing_link;
 
 static int sbi_stuffing_has_corner(const int triangle[3], int corner)

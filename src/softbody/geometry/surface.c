@@ -392,11 +392,11 @@ SB_API sb_result sb_surface_move(sb_surface *surface, const sb_vec3 *nodes, cons
 /* Scratch of building: triangles in an order that puts those of a leaf side by side. */
 typedef struct sbi_surface_build {
     int count;
-    float (*box)[8];  /* [count] low and high, four each for the width of a load, in any units */
-    int *order;       /* [count] */
+    float (*box)[8];                 /* [count] low and high, four each for the width of a load, in any units */
+    int *order;                      /* [count] */
     int (*child)[SBI_SURFACE_WIDTH]; /* [count] nodes: child node, ~leaf or INT_MAX: none */
-    int *slot;        /* [count] of each node in its parent */
-    int (*leaf)[2];   /* [count] places in the order: from, to */
+    int *slot;                       /* [count] of each node in its parent */
+    int (*leaf)[2];                  /* [count] places in the order: from, to */
     int tree_count, leaf_count;
 } sbi_surface_build;
 
@@ -784,8 +784,8 @@ static void sbi_surface_find_pinched(sb_surface *s)
         s->pinched[v] = 0;
         for (int i = begin; i < begin + count && !s->pinched[v]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            s->pinched[v] =
-                mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            s->pinched[v] = mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                            mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (count > 0 && !s->pinched[v])
             s->pinched[v] = sbi_surface_turn(s, s->fan[begin] / 3, s->fan[begin] % 3, count) < count;

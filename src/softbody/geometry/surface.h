@@ -39,8 +39,8 @@ typedef struct sb_surface_hit {
 
 /* Makes a surface of a mesh of tri3, tri6, quad4, quad8 or quad9; faces other than tri3 are cut into flat triangles
  * between their nodes. Nodes are copied. Surfaces that are open, touch themselves or have degenerate triangles are
- * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block of
- * memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
+ * welcome (scans are like that): sb_surface_check reports it, and each query below says what it then means. One block
+ * of memory from `allocator` (NULL: malloc) for everything (about 280 bytes per triangle), plus scratch that goes back.
  * O(triangles log triangles), about 0.1 s for 100,000. SB_ERROR_ARGUMENT (null pointer, a mesh of volumes: take
  * sb_mesh_boundary), _MESH (empty, or too many triangles), _NOT_FINITE, _INDEX, _MEMORY; then *surface is untouched. */
 SB_API sb_result sb_surface_create(const sb_mesh *mesh, const sb_allocator *allocator, sb_surface **surface,
@@ -147,19 +147,19 @@ SBI_API void sbi_surface_cut_free(const sb_allocator *allocator, sbi_surface_cut
 /* ---- checks ---------------------------------------------------------------------------------------------------------
  * A surface bounds a solid when every point is clearly inside or outside. What can stand against it: */
 typedef enum sb_surface_finding {
-    SB_SURFACE_OPEN_EDGES = 1,         /* edges of one face only: holes, or borders that were never welded */
-    SB_SURFACE_FLIPPED = 2,            /* edges whose two faces are oriented against each other */
-    SB_SURFACE_NONMANIFOLD_EDGES = 4,  /* edges of more than two faces */
-    SB_SURFACE_NONMANIFOLD_NODES = 8,  /* nodes where parts touch in a point */
-    SB_SURFACE_DEGENERATE = 16,        /* faces without area, or with a node twice */
-    SB_SURFACE_DUPLICATES = 32,        /* faces with the corners of one before them */
-    SB_SURFACE_UNWELDED = 64,          /* nodes within 1e-6 of the surface's size of another */
-    SB_SURFACE_INSIDE_OUT = 128,       /* closed parts that look inward, and are not the walls of a cavity */
-    SB_SURFACE_SELF_CROSSING = 256,    /* pairs of triangles that pass through each other or overlap in a plane */
-    SB_SURFACE_UNREFERENCED = 512,     /* nodes of no face */
-    SB_SURFACE_SEVERAL_PARTS = 1024,   /* parts that share no node: nothing wrong in itself */
-    SB_SURFACE_CROWDED = 2048          /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
-                                        * size, and that do not cross those looked at: the rest were not looked at */
+    SB_SURFACE_OPEN_EDGES = 1,        /* edges of one face only: holes, or borders that were never welded */
+    SB_SURFACE_FLIPPED = 2,           /* edges whose two faces are oriented against each other */
+    SB_SURFACE_NONMANIFOLD_EDGES = 4, /* edges of more than two faces */
+    SB_SURFACE_NONMANIFOLD_NODES = 8, /* nodes where parts touch in a point */
+    SB_SURFACE_DEGENERATE = 16,       /* faces without area, or with a node twice */
+    SB_SURFACE_DUPLICATES = 32,       /* faces with the corners of one before them */
+    SB_SURFACE_UNWELDED = 64,         /* nodes within 1e-6 of the surface's size of another */
+    SB_SURFACE_INSIDE_OUT = 128,      /* closed parts that look inward, and are not the walls of a cavity */
+    SB_SURFACE_SELF_CROSSING = 256,   /* pairs of triangles that pass through each other or overlap in a plane */
+    SB_SURFACE_UNREFERENCED = 512,    /* nodes of no face */
+    SB_SURFACE_SEVERAL_PARTS = 1024,  /* parts that share no node: nothing wrong in itself */
+    SB_SURFACE_CROWDED = 2048         /* triangles that hundreds of others lie on, closer than 1e-6 of the surface's
+                                       * size, and that do not cross those looked at: the rest were not looked at */
 } sb_surface_finding;
 
 enum {
@@ -177,13 +177,13 @@ typedef struct sb_surface_place {
 } sb_surface_place;
 
 typedef struct sb_surface_report {
-    int findings;                                  /* sum of the sb_surface_finding whose count is not 0 */
+    int findings;                                     /* sum of the sb_surface_finding whose count is not 0 */
     sb_surface_place place[SB_SURFACE_FINDING_COUNT]; /* finding 1 << i at i; number 10: parts beyond the first */
-    int crossings_partial;                         /* 1: more pairs may cross than were counted. Counting ends at 16
-                                                    * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
-    int parts;                                     /* parts that share no node */
-    sb_real volume;                                /* m^3 enclosed; meaningful when closed */
-    sb_real area;                                  /* m^2 */
+    int crossings_partial;                            /* 1: more pairs may cross than were counted. Counting ends at 16
+                                                       * for each triangle and 1024 more; see also SB_SURFACE_CROWDED */
+    int parts;                                        /* parts that share no node */
+    sb_real volume;                                   /* m^3 enclosed; meaningful when closed */
+    sb_real area;                                     /* m^2 */
 } sb_surface_report;
 
 /* Looks a mesh of tri3, tri6, quad4, quad8 or quad9 over. SB_OK also for a bad surface; fails as sb_surface_create
@@ -222,10 +222,10 @@ typedef struct sb_surface_repair_report {
     int merged_nodes, removed_nodes;
     int removed_degenerate; /* faces without area taken out */
     int removed_duplicates;
-    int flipped_edges;      /* of pairs of triangles: how faces without area but with three nodes are got rid of */
+    int flipped_edges; /* of pairs of triangles: how faces without area but with three nodes are got rid of */
     int turned_faces;
     int filled_holes, added_faces;
-    int left_holes;         /* holes too long, or with a border that touches itself; -1 when none were looked for */
+    int left_holes; /* holes too long, or with a border that touches itself; -1 when none were looked for */
 } sb_surface_repair_report;
 
 SB_API sb_surface_repair_def sb_default_surface_repair(void);
@@ -238,18 +238,18 @@ SB_API sb_result sb_surface_repair(sb_mesh *mesh, const sb_surface_repair_def *d
 
 /* ---- shapes: what a mesh or a grid is made round ----------------------------------------------------------------- */
 
-/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It must
- * give the same value for the same point each time, also when called from several threads at once. */
+/* A shape as a function of space: negative inside, positive outside, 0 on the surface; m where it is a distance. It
+ * must give the same value for the same point each time, also when called from several threads at once. */
 typedef sb_real (*sb_distance)(void *user, sb_vec3 point);
 
 /* The inside of something: of a surface, or of a function of one's own; one of the two. Zero-initialise. */
 typedef struct sb_shape {
     const sb_surface *surface; /* or NULL, then `distance` is called. Borrowed for the call that takes the shape */
     sb_distance distance;
-    void *user;                /* handed to `distance` */
-    sb_real max_slope;         /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
-                                * then space far from the surface is not sampled. 0: unknown, every point is */
-    int region;                /* of the elements inside */
+    void *user;        /* handed to `distance` */
+    sb_real max_slope; /* of `distance`: |f(a) - f(b)| <= max_slope |a - b| for all a, b; 1 for true distances:
+                        * then space far from the surface is not sampled. 0: unknown, every point is */
+    int region;        /* of the elements inside */
 } sb_shape;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)

@@ -4,18 +4,18 @@
 /* ---- the report ---------------------------------------------------------------------------------------------- */
 
 enum { /* places of the findings: 1 << place */
-    SBI_FOUND_OPEN = 0,
-    SBI_FOUND_FLIPPED = 1,
-    SBI_FOUND_EDGE = 2,
-    SBI_FOUND_NODE = 3,
-    SBI_FOUND_DEGENERATE = 4,
-    SBI_FOUND_DUPLICATE = 5,
-    SBI_FOUND_UNWELDED = 6,
-    SBI_FOUND_INSIDE_OUT = 7,
-    SBI_FOUND_CROSSING = 8,
-    SBI_FOUND_UNREFERENCED = 9,
-    SBI_FOUND_PARTS = 10,
-    SBI_FOUND_CROWDED = 11
+       SBI_FOUND_OPEN = 0,
+       SBI_FOUND_FLIPPED = 1,
+       SBI_FOUND_EDGE = 2,
+       SBI_FOUND_NODE = 3,
+       SBI_FOUND_DEGENERATE = 4,
+       SBI_FOUND_DUPLICATE = 5,
+       SBI_FOUND_UNWELDED = 6,
+       SBI_FOUND_INSIDE_OUT = 7,
+       SBI_FOUND_CROSSING = 8,
+       SBI_FOUND_UNREFERENCED = 9,
+       SBI_FOUND_PARTS = 10,
+       SBI_FOUND_CROWDED = 11
 };
 
 SB_API const char *sb_surface_check_string(int finding)
@@ -87,7 +87,8 @@ static void sbi_found_pinched(const sb_surface *s, int count, sb_surface_place *
         int nonmanifold = 0;
         for (int i = s->fan_start[v]; i < s->fan_start[v + 1]; i++) {
             const int *mate = s->mate[s->fan[i] / 3];
-            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD || mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
+            nonmanifold = nonmanifold || mate[s->fan[i] % 3] == SBI_SURFACE_NONMANIFOLD ||
+                          mate[(s->fan[i] % 3 + 2) % 3] == SBI_SURFACE_NONMANIFOLD;
         }
         if (s->pinched[v] && !nonmanifold) {
             place->node = v;
@@ -102,12 +103,12 @@ typedef struct sbi_found_scratch {
     sb_surface *surface;
     sb_mesh_report mesh;
     sbi_mesh_keys edges;
-    sb_index_table part;        /* part of each element */
-    unsigned char *skip;        /* [elements] faces with a node twice */
-    int *representative;        /* [nodes] */
-    double *volume;             /* [parts] */
-    int *first, *order;         /* [parts + 1], [triangles] triangles by part */
-    unsigned char *open;        /* [parts] 1: not closed, or not consistent */
+    sb_index_table part; /* part of each element */
+    unsigned char *skip; /* [elements] faces with a node twice */
+    int *representative; /* [nodes] */
+    double *volume;      /* [parts] */
+    int *first, *order;  /* [parts + 1], [triangles] triangles by part */
+    unsigned char *open; /* [parts] 1: not closed, or not consistent */
     int parts;
 } sbi_found_scratch;
 
@@ -330,8 +331,8 @@ SB_API sb_result sb_surface_require(const sb_mesh *mesh, int findings, const sb_
                                     sb_surface_report *report, sb_error *error)
 {
     sb_surface_report found;
-    sb_result result = sbi_found_check(mesh, (findings & SB_SURFACE_SELF_CROSSING) != 0 || report, allocator, &found,
-                                       error);
+    sb_result result =
+        sbi_found_check(mesh, (findings & SB_SURFACE_SELF_CROSSING) != 0 || report, allocator, &found, error);
     if (result != SB_OK)
         return result;
     if (report)
@@ -499,9 +500,9 @@ enum { SBI_HOLE_LONGEST = 256 };
 typedef struct sbi_hole {
     const sb_surface *s;
     int count;
-    int node[SBI_HOLE_LONGEST];                                  /* along the border, as the new triangles go */
-    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];            /* least area between nodes i and j */
-    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];      /* third corner of the triangle on i, j */
+    int node[SBI_HOLE_LONGEST];                             /* along the border, as the new triangles go */
+    sb_real area[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST];       /* least area between nodes i and j */
+    unsigned char apex[SBI_HOLE_LONGEST][SBI_HOLE_LONGEST]; /* third corner of the triangle on i, j */
 } sbi_hole;
 
 /* Area of a new triangle; infinite where it would have none. */

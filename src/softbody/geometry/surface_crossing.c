@@ -3,8 +3,8 @@
  * Each triangle looks for partners in the tree of boxes; what its plane, or the coin round a branch, keeps apart is
  * left out. Three kinds of surface would still make that quadratic, and each has its own answer:
  *
- *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only cross
- *              where their arcs do, seen from the node: a tree over the arcs finds the pairs
+ *   fans       hundreds of triangles round one node: all boxes meet there. Two triangles that share that node only
+ *              cross where their arcs do, seen from the node: a tree over the arcs finds the pairs
  *   wide ones  a triangle with hundreds of small ones on it: put off, then the small ones look for the few wide ones
  *   crowds     hundreds on hundreds, coincident or stacked closer than float boxes can tell apart: when they cross,
  *              counting ends after SBI_CROSSING_PAIRS for each triangle; when they do not, the search gives up and
@@ -131,36 +131,36 @@ static int sbi_crossing_same_corners(const sb_surface *s, int t, int u)
 /* ---- the search ---------------------------------------------------------------------------------------------- */
 
 enum {
-    SBI_CROSSING_STEPS = 256,  /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
-    SBI_CROSSING_FAN = 64,     /* triangles round a node that make it a hub */
-    SBI_CROSSING_PAIRS = 16,   /* pairs for each triangle that are counted, */
-    SBI_CROSSING_MORE = 1024   /* and so many more */
+    SBI_CROSSING_STEPS = 256, /* boxes and pairs looked at from one triangle before it is put off; usual are 30 */
+    SBI_CROSSING_FAN = 64,    /* triangles round a node that make it a hub */
+    SBI_CROSSING_PAIRS = 16,  /* pairs for each triangle that are counted, */
+    SBI_CROSSING_MORE = 1024  /* and so many more */
 };
 
 /* What lasts over a search. */
 typedef struct sbi_crossing {
     const sb_surface *s;
     const sb_allocator *allocator;
-    unsigned char *crossing;     /* [triangles] 1: crosses another; or NULL */
+    unsigned char *crossing; /* [triangles] 1: crosses another; or NULL */
     sb_surface_place *crossings, *crowds;
-    int *hub;                    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
-    int most;                    /* pairs after which counting ends */
-    int partial;                 /* 1: pairs may be missing */
+    int *hub;    /* [triangles] the corner with most triangles round it, if these are many, or -1 */
+    int most;    /* pairs after which counting ends */
+    int partial; /* 1: pairs may be missing */
 } sbi_crossing;
 
 /* A tree to look in, of the surface, of the arcs round a hub, or of wide triangles of these. */
 typedef struct sbi_crossing_tree {
     const sb_surface *tree;
-    const int *names; /* [tree triangles] number in the surface, ascending; NULL: the same */
+    const int *names;                     /* [tree triangles] number in the surface, ascending; NULL: the same */
     int (*branch_hub)[SBI_SURFACE_WIDTH]; /* [tree nodes] hub of all triangles below, or -1; NULL: unknown */
-    int skips_fans;   /* 1: pairs of one hub are found elsewhere */
+    int skips_fans;                       /* 1: pairs of one hub are found elsewhere */
 } sbi_crossing_tree;
 
 /* One triangle that looks for partners, in local coordinates of the tree. */
 typedef struct sbi_crossing_seeker {
-    int name;             /* in the surface */
-    int is_after;         /* looks for partners with lower numbers; else for those with higher ones */
-    int hub;              /* whose triangles are left out; -1: none */
+    int name;     /* in the surface */
+    int is_after; /* looks for partners with lower numbers; else for those with higher ones */
+    int hub;      /* whose triangles are left out; -1: none */
     int steps;
     float corner[3][3], low[3], high[3], normal[3], offset;
 } sbi_crossing_seeker;
@@ -548,7 +548,8 @@ static int sbi_inside_out_looks_inward(const sb_surface *s, int triangle)
     size = sb_sqrt(sb_v3_norm(sbi_surface_area_vector(x)));
     middle = sb_v3_scale((sb_real)(1.0 / 3), sb_v3_add(x[0], sb_v3_add(x[1], x[2])));
     off = sb_v3_scale(sb_sqrt(SB_EPSILON) * size, sbi_surface_unit_normal(s, triangle));
-    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 && sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
+    return sbi_surface_winding(s, sb_v3_add(middle, off)) < -0.6 &&
+           sbi_surface_winding(s, sb_v3_sub(middle, off)) < 0.4;
 }
 
 /* Lists the triangles that share nodes with list[0], each marked; returns how many. */

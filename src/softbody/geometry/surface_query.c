@@ -109,11 +109,11 @@ typedef struct sbi_surface_candidate {
  * and few candidates are left to be computed in sb_real at its end. */
 typedef struct sbi_surface_search {
     sb_vec3 point;
-    float p[3];     /* local */
+    float p[3]; /* local */
     sb_real slack;
-    float nearest;  /* square: smallest distance from a leaf */
-    float limit;    /* square: what is above cannot win */
-    int triangle;   /* best so far, or -1 */
+    float nearest; /* square: smallest distance from a leaf */
+    float limit;   /* square: what is above cannot win */
+    int triangle;  /* best so far, or -1 */
     sbi_surface_spot best;
     int kept;
     sbi_surface_candidate candidate[SBI_SURFACE_KEPT];
@@ -296,8 +296,7 @@ static int sbi_surface_push(const sb_surface *s, const sbi_surface_node *node, c
 {
     float square[SBI_SURFACE_WIDTH];
     uint64_t visit[SBI_SURFACE_WIDTH];
-    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p),
-                                        sbi_surface_coin_squares(node, q->p)));
+    sbi_four_store(square, sbi_four_max(sbi_surface_box_squares(node, q->p), sbi_surface_coin_squares(node, q->p)));
     for (int k = 0; k < SBI_SURFACE_WIDTH; k++)
         visit[k] = sbi_surface_visit(square[k], node->child[k]);
     sbi_surface_order(visit, visit + 1);

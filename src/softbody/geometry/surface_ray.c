@@ -8,13 +8,13 @@
 typedef struct sbi_surface_beam {
     sb_vec3 origin, direction; /* unit */
     sb_real best, start;
-    int axis[3];               /* axis[2]: where the direction is largest */
+    int axis[3]; /* axis[2]: where the direction is largest */
     sb_real shear[3];
-    float p[3], inverse[3];    /* local start; 1 / direction, or huge */
-    float reach;               /* best beyond start, rounded up */
-    int triangle;              /* or -1 */
-    sb_real weight[2];         /* of corners 1 and 2 */
-    sb_surface_hit *hits;      /* all hits, a list of the nearest; NULL: first hit only */
+    float p[3], inverse[3]; /* local start; 1 / direction, or huge */
+    float reach;            /* best beyond start, rounded up */
+    int triangle;           /* or -1 */
+    sb_real weight[2];      /* of corners 1 and 2 */
+    sb_surface_hit *hits;   /* all hits, a list of the nearest; NULL: first hit only */
     int count, capacity, all;
 } sbi_surface_beam;
 

@@ -8,16 +8,16 @@
 #include <string.h>
 
 enum {
-    SBI_SURFACE_WIDTH = 4,  /* children of a node, triangles of a leaf */
-    SBI_SURFACE_BINS = 16,  /* places a range of triangles may be cut at, per axis */
+    SBI_SURFACE_WIDTH = 4,   /* children of a node, triangles of a leaf */
+    SBI_SURFACE_BINS = 16,   /* places a range of triangles may be cut at, per axis */
     SBI_SURFACE_LINE = 64,   /* bytes of a cache line */
     SBI_SURFACE_MANY = 1024, /* triangles: larger ranges are cut across their longest side only */
-    SBI_SURFACE_DEEP = 48,  /* cuts by cost up to this depth, then into halves */
+    SBI_SURFACE_DEEP = 48,   /* cuts by cost up to this depth, then into halves */
     SBI_SURFACE_STACK = 288, /* 3 per level, and at most DEEP + 31 levels below the root */
     SBI_SURFACE_BLOCK = 256, /* points, triangles or nodes per task */
     SBI_SURFACE_KEPT = 48,   /* candidates of a search */
     SBI_SURFACE_NO_TRIANGLE = INT_MIN,
-    SBI_SURFACE_OPEN = -1,  /* mate of an edge of one triangle */
+    SBI_SURFACE_OPEN = -1,       /* mate of an edge of one triangle */
     SBI_SURFACE_NONMANIFOLD = -2 /* mate of an edge of several triangles, or of two that disagree on its direction */
 };
 
@@ -29,11 +29,11 @@ enum {
 };
 
 #define SBI_SURFACE_SLIVER (sb_real)0.2 /* height over longest edge; below it float confuses inside and outside */
-#define SBI_SURFACE_FAR 1.0e5f       /* local: beyond it all boxes look the same */
-#define SBI_SURFACE_NOWHERE 1.0e17f  /* local: where the empty children lie */
-#define SBI_SURFACE_NO_LIMIT 1.0e30f /* between the squares of the two */
-#define SBI_SURFACE_PAD 2.0e-6f      /* local: more than the rounding of boxes and of nearby points */
-#define SBI_SURFACE_SLACK 4.0e-6f    /* rounding of a distance from a leaf, per unit of |point| + 1 */
+#define SBI_SURFACE_FAR 1.0e5f          /* local: beyond it all boxes look the same */
+#define SBI_SURFACE_NOWHERE 1.0e17f     /* local: where the empty children lie */
+#define SBI_SURFACE_NO_LIMIT 1.0e30f    /* between the squares of the two */
+#define SBI_SURFACE_PAD 2.0e-6f         /* local: more than the rounding of boxes and of nearby points */
+#define SBI_SURFACE_SLACK 4.0e-6f       /* rounding of a distance from a leaf, per unit of |point| + 1 */
 
 /* ---- four floats at a time ----------------------------------------------------------------------------------- */
 
@@ -154,9 +154,9 @@ enum {
     SBI_LEAF_ORIGIN = 0,
     SBI_LEAF_ALONG = 3,
     SBI_LEAF_ACROSS = 6,
-    SBI_LEAF_AB = 9,          /* length */
-    SBI_LEAF_C = 10,          /* coordinates of C */
-    SBI_LEAF_AC = 12,         /* 1 / length^2, 0 for no length */
+    SBI_LEAF_AB = 9,  /* length */
+    SBI_LEAF_C = 10,  /* coordinates of C */
+    SBI_LEAF_AC = 12, /* 1 / length^2, 0 for no length */
     SBI_LEAF_BC = 13,
     SBI_LEAF_SIZE = 14
 };
@@ -184,23 +184,23 @@ struct sb_surface {
     size_t bytes;
     void *block; /* what the allocator gave; the surface begins at its first cache line */
     int node_count, triangle_count, tree_count, leaf_count;
-    int unbalanced; /* edges not run through as often one way as the other */
-    sb_vec3 *nodes;        /* [node_count] scaled */
-    int (*corners)[3];     /* [triangle_count] */
-    int (*mate)[3];        /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
-    int *element;          /* [triangle_count] */
-    unsigned char *shape;  /* [triangle_count] sound, thin or flat */
-    unsigned char *pinched;/* [node_count] 1: parts touch in this node */
-    int *fan_start;        /* [node_count + 1] */
-    int *fan;              /* [3 triangle_count] 3 triangle + corner, by node */
-    sb_vec3 *normal;       /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
+    int unbalanced;         /* edges not run through as often one way as the other */
+    sb_vec3 *nodes;         /* [node_count] scaled */
+    int (*corners)[3];      /* [triangle_count] */
+    int (*mate)[3];         /* [triangle_count] triangle across each edge, OPEN or NONMANIFOLD */
+    int *element;           /* [triangle_count] */
+    unsigned char *shape;   /* [triangle_count] sound, thin or flat */
+    unsigned char *pinched; /* [node_count] 1: parts touch in this node */
+    int *fan_start;         /* [node_count + 1] */
+    int *fan;               /* [3 triangle_count] 3 triangle + corner, by node */
+    sb_vec3 *normal;        /* [node_count] sum of angle_i n_i / sum of angle_i; 0: means nothing */
     sbi_surface_node *tree;
     sbi_surface_cluster *cluster; /* [tree_count] */
     sbi_surface_leaf *leaf;
-    int *leaf_slot;        /* [leaf_count] 4 parent + child */
-    sb_vec3 (*exact)[3];   /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
-    sb_vec3 low, high;     /* m */
-    sb_vec3 centre;        /* scaled */
+    int *leaf_slot;      /* [leaf_count] 4 parent + child */
+    sb_vec3 (*exact)[3]; /* [4 leaf_count] scaled corners again, side by side for the triangles of a leaf */
+    sb_vec3 low, high;   /* m */
+    sb_vec3 centre;      /* scaled */
     sb_real scale, inverse;
 };
 

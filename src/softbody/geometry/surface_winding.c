@@ -31,10 +31,9 @@ SBI_API void sbi_surface_angle_of(const sb_vec3 x[3], sb_vec3 eye, sbi_surface_a
     double la, lb, lc;
     a = sb_v3_sub(x[0], eye), b = sb_v3_sub(x[1], eye), c = sb_v3_sub(x[2], eye);
     la = (double)sb_v3_norm(a), lb = (double)sb_v3_norm(b), lc = (double)sb_v3_norm(c);
-    sbi_surface_angle_add(sum,
-                          la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la +
-                              (double)sb_v3_dot(c, a) * lb,
-                          (double)sb_v3_dot(a, sb_v3_cross(b, c)));
+    sbi_surface_angle_add(
+        sum, la * lb * lc + (double)sb_v3_dot(a, b) * lc + (double)sb_v3_dot(b, c) * la + (double)sb_v3_dot(c, a) * lb,
+        (double)sb_v3_dot(a, sb_v3_cross(b, c)));
 }
 
 SBI_API double sbi_surface_angle_turns(const sbi_surface_angle *sum)

@@ -60,8 +60,7 @@ static sb_element_type sbi_element_face_type(sb_element_type type)
     }
 }
 
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type)
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     if (!nodes)
         return 0;
@@ -143,8 +142,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3])
 
 /* Simplex of `dimension` in barycentric coordinates L: N_a = L_a, or with mid-edge nodes N_a = L_a (2 L_a -
  * 1) and N_pq = 4 L_p L_q. dL_0 = (-1, -1, -1), dL_k = unit vector k - 1. */
-static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                                      sb_real (*gradient)[3])
+static void sbi_element_shape_simplex(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     int corners = sb_element_corner_count(type), nodes = sb_element_node_count(type);
     sb_real bary[4] = {1, 0, 0, 0}, slope[4][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
@@ -246,8 +244,7 @@ static void sbi_element_shape_serendipity(sb_element_type type, const sb_real xi
         gradient[a][2] = 0;
 }
 
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3])
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3])
 {
     if (!xi)
         return;
@@ -305,20 +302,16 @@ static void sbi_element_rule_tet_edges(sbi_element_rule *rule, double c, double 
 static void sbi_element_rule_triangle(sbi_element_rule *rule, double a, double weight)
 {
     for (int corner = 0; corner < 3; corner++)
-        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a),
-                             (sb_real)(corner == 2 ? 1 - 2 * a : a), 0, (sb_real)(weight / 2));
+        sbi_element_rule_add(rule, (sb_real)(corner == 1 ? 1 - 2 * a : a), (sb_real)(corner == 2 ? 1 - 2 * a : a), 0,
+                             (sb_real)(weight / 2));
 }
 
 /* Tet rules of degree 1, 2, 3 and 5 with 1, 4, 8 and 14 points (the last is Walkington's). */
 static void sbi_element_rule_tet(sbi_element_rule *rule, int count)
 {
     switch (count) {
-    case 1:
-        sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6));
-        break;
-    case 4: /* a = (5 - sqrt(5)) / 20 */
-        sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25);
-        break;
+    case 1: sbi_element_rule_add(rule, (sb_real)0.25, (sb_real)0.25, (sb_real)0.25, (sb_real)(1.0 / 6)); break;
+    case 4: /* a = (5 - sqrt(5)) / 20 */ sbi_element_rule_tet_corners(rule, 0.13819660112501051518, 0.25); break;
     case 8: /* corners and face centroids: all weights positive */
         sbi_element_rule_tet_corners(rule, 0, 1.0 / 40);
         sbi_element_rule_tet_corners(rule, 1.0 / 3, 9.0 / 40);
@@ -336,8 +329,7 @@ static void sbi_element_rule_box(sbi_element_rule *rule, int dimension)
 {
     const sb_real g = (sb_real)0.57735026918962576451;
     for (int i = 0; i < (1 << dimension); i++)
-        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g,
-                             dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
+        sbi_element_rule_add(rule, i & 1 ? g : -g, i & 2 ? g : -g, dimension == 2 ? (sb_real)0 : (i & 4 ? g : -g), 1);
 }
 
 /* Gauss points -sqrt(3/5), 0, sqrt(3/5) per direction, xi fastest: degree 5. */
@@ -349,8 +341,7 @@ static void sbi_element_rule_box3(sbi_element_rule *rule, int dimension)
         int x = i % 3, y = i / 3 % 3, z = i / 9;
         double third = dimension == 2 ? 1 : weight[z];
         sbi_element_rule_add(rule, (sb_real)point[x], (sb_real)point[y],
-                             dimension == 2 ? (sb_real)0 : (sb_real)point[z],
-                             (sb_real)(weight[x] * weight[y] * third));
+                             dimension == 2 ? (sb_real)0 : (sb_real)point[z], (sb_real)(weight[x] * weight[y] * third));
     }
 }
 
@@ -382,8 +373,7 @@ static int sbi_element_tet_points(sb_element_type type, sb_quadrature_kind kind)
 }
 
 SB_API int sb_element_quadrature(sb_element_type type, sb_quadrature_kind kind,
-                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3],
-                                 sb_real weights[SB_MAX_QUADRATURE_POINTS])
+                                 sb_real points[SB_MAX_QUADRATURE_POINTS][3], sb_real weights[SB_MAX_QUADRATURE_POINTS])
 {
     int dimension = sb_element_dimension(type), tet_points = sbi_element_tet_points(type, kind);
     sbi_element_rule rule;
@@ -441,8 +431,7 @@ SBI_API const char *sbi_element_name(sbi_element element)
     return element.table ? element.table->name : sb_element_name(element.type);
 }
 
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type)
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type)
 {
     int count;
     if (!element.table)
@@ -508,9 +497,9 @@ static sb_result sbi_element_table_check_counts(const sb_element_table *table, s
     if (!table->name || !table->node_points || !table->shape || !table->points || !table->weights ||
         !table->mass_points || !table->mass_weights || !table->faces)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: %s is NULL", table->name ? table->name : "",
-                        !table->name          ? "name"
-                        : !table->node_points ? "node_points"
-                        : !table->shape       ? "shape"
+                        !table->name                        ? "name"
+                        : !table->node_points               ? "node_points"
+                        : !table->shape                     ? "shape"
                         : !table->points || !table->weights ? "points or weights"
                         : !table->faces                     ? "faces"
                                                             : "mass_points or mass_weights");
@@ -677,8 +666,9 @@ static sb_result sbi_element_table_check_sums(const sb_element_table *table, con
         }
     }
     if (!(sb_abs(sum - 1) <= tolerance))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1",
-                        table->name, (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "element table %s: the shape functions sum to %g at (%g, %g, %g), not 1", table->name,
+                        (double)sum, (double)xi[0], (double)xi[1], (double)xi[2]);
     for (int k = 0; k < 3; k++) {
         if (!(sb_abs(slope[k]) * extent <= tolerance))
             return sbi_fail(error, SB_ERROR_ARGUMENT,
@@ -747,8 +737,8 @@ SB_API sb_result sb_element_table_check(const sb_element_table *table, sb_error 
     if (result == SB_OK)
         result = sbi_element_table_check_nodes(table, error);
     if (result == SB_OK)
-        result = sbi_element_table_check_rule(table, table->point_count, table->points, table->weights, "stiffness",
-                                              error);
+        result =
+            sbi_element_table_check_rule(table, table->point_count, table->points, table->weights, "stiffness", error);
     if (result == SB_OK)
         result = sbi_element_table_check_rule(table, table->mass_point_count, table->mass_points, table->mass_weights,
                                               "mass", error);

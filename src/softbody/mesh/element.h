@@ -66,12 +66,9 @@ SB_INLINE sb_element_type sbi_element_type_or_pinned(sb_element_type type)
 /* 1 for a volume type that this build simulates, else 0. */
 SB_INLINE int sbi_element_is_enabled(sb_element_type type)
 {
-    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) ||
-           (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
-           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) ||
-           (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
+    return (SBI_ELEMENT_ENABLED(SB_TET4) && type == SB_TET4) || (SBI_ELEMENT_ENABLED(SB_TET10) && type == SB_TET10) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX8) && type == SB_HEX8) || (SBI_ELEMENT_ENABLED(SB_HEX20) && type == SB_HEX20) ||
+           (SBI_ELEMENT_ENABLED(SB_HEX27) && type == SB_HEX27) || (SBI_ELEMENT_ENABLED(SB_CUSTOM) && type == SB_CUSTOM);
 }
 
 /* ---- counts ----------------------------------------------------------------------------------------------
@@ -117,10 +114,7 @@ SB_INLINE sb_element_type sb_element_straight(sb_element_type type)
     return SB_NO_ELEMENT;
 }
 /* Corners per element; they are the first nodes. */
-SB_INLINE int sb_element_corner_count(sb_element_type type)
-{
-    return sb_element_node_count(sb_element_straight(type));
-}
+SB_INLINE int sb_element_corner_count(sb_element_type type) { return sb_element_node_count(sb_element_straight(type)); }
 /* 2 for a surface, 3 for a volume. */
 SB_INLINE int sb_element_dimension(sb_element_type type)
 {
@@ -148,8 +142,7 @@ SB_API const char *sb_element_name(sb_element_type type);
 /* Local node numbers of face `face` in [0, face_count), counter-clockwise seen from outside, and the face's
  * type (tri3, tri6, quad4, quad8, quad9; face_type may be NULL). Returns the number of nodes, 0 (nothing written)
  * for no such face. */
-SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES],
-                           sb_element_type *face_type);
+SB_API int sb_element_face(sb_element_type type, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 
 /* Local node numbers of edge `edge` in [0, edge_count): both ends, then the node between them or -1. Returns
  * the number of nodes on the edge (2 or 3), 0 (nothing written) for no such edge. */
@@ -164,8 +157,7 @@ SB_API int sb_element_node_point(sb_element_type type, int node, sb_real xi[3]);
 
 /* Shape functions N and their gradients dN/dxi at xi. shape: [nodes] or NULL; gradient: [nodes][3] or NULL,
  * the third component 0 for surfaces. Nothing is written for an unknown type. */
-SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape,
-                             sb_real (*gradient)[3]);
+SB_API void sb_element_shape(sb_element_type type, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
 
 /* ---- quadrature -----------------------------------------------------------------------------------------*/
 
@@ -207,19 +199,19 @@ typedef struct sb_element_table {
      * steps from the job's threads; same xi, same numbers. Gradients at nodes may be anything where they have no
      * value (the tip of a pyramid). */
     void (*shape)(const void *user, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);
-    const void *user;                /* handed to shape */
-    int point_count;                 /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
-                                      * element has motions that cost nothing (hex8 needs 8, not 1) */
-    const sb_real (*points)[3];      /* [point_count] parameters */
-    const sb_real *weights;          /* [point_count] > 0; their sum is the volume of the parameter domain */
-    int mass_point_count;            /* points of the mass; a rule that is exact for products of shape functions */
-    const sb_real (*mass_points)[3]; /* [mass_point_count] */
-    const sb_real *mass_weights;     /* [mass_point_count] */
-    int face_count;                  /* in [4, SB_MAX_ELEMENT_FACES] */
+    const void *user;           /* handed to shape */
+    int point_count;            /* points of the stiffness, in [1, SB_MAX_QUADRATURE_POINTS]; with too few of them an
+                                 * element has motions that cost nothing (hex8 needs 8, not 1) */
+    const sb_real (*points)[3]; /* [point_count] parameters */
+    const sb_real *weights;     /* [point_count] > 0; their sum is the volume of the parameter domain */
+    int mass_point_count;       /* points of the mass; a rule that is exact for products of shape functions */
+    const sb_real (*mass_points)[3];    /* [mass_point_count] */
+    const sb_real *mass_weights;        /* [mass_point_count] */
+    int face_count;                     /* in [4, SB_MAX_ELEMENT_FACES] */
     const sb_element_table_face *faces; /* [face_count]; together they close around the element. Edges follow from
                                          * them */
-    int vtk_type;                    /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
-                                      * meshes cannot be written */
+    int vtk_type;                       /* cell type of VTK files whose node order this is (13 wedge, 14 pyramid), or 0:
+                                         * meshes cannot be written */
 } sb_element_table;
 
 /* Checks whether a table describes an element that can be computed with. SB_ERROR_ARGUMENT (null pointer, a count out
@@ -259,8 +251,7 @@ SB_INLINE int sbi_element_face_count(sbi_element element)
 }
 SBI_API int sbi_element_edge_count(sbi_element element);
 SBI_API const char *sbi_element_name(sbi_element element);
-SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES],
-                             sb_element_type *face_type);
+SBI_API int sbi_element_face(sbi_element element, int face, int nodes[SB_MAX_FACE_NODES], sb_element_type *face_type);
 SBI_API int sbi_element_edge(sbi_element element, int edge, int nodes[3]);
 SBI_API int sbi_element_node_point(sbi_element element, int node, sb_real xi[3]);
 SBI_API void sbi_element_shape(sbi_element element, const sb_real xi[3], sb_real *shape, sb_real (*gradient)[3]);

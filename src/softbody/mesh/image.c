@@ -225,7 +225,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     sb_image made;
     sb_error error;
     if (!voxels->labels)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "the image has no array of one number per point or cell");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT,
+                               "the image has no array of one number per point or cell");
     memset(&made, 0, sizeof made);
     origin[0] = &made.origin.x, origin[1] = &made.origin.y, origin[2] = &made.origin.z;
     spacing[0] = &made.spacing.x, spacing[1] = &made.spacing.y, spacing[2] = &made.spacing.z;
@@ -246,8 +247,8 @@ static sb_result sbi_image_make(sbi_loader *loader, sb_image *image)
     made.labels = voxels->labels;
     made.allocator = loader->allocator;
     if (sb_image_check(&made, &error) != SB_OK)
-        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result, "%s",
-                               error.message);
+        return sbi_reader_fail(&loader->reader, error.result == SB_ERROR_ARGUMENT ? SB_ERROR_FORMAT : error.result,
+                               "%s", error.message);
     voxels->labels = NULL;
     *image = made;
     return SB_OK;

@@ -36,8 +36,8 @@ typedef struct sb_image {
  * error    may be NULL; file and line (line 0 in binary parts, where the message has the byte offset)
  *
  * VTK files: the first array of one number per point (or cell, where no point has one) is taken. Images of two
- * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an int.
- * Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
+ * dimensions have one layer of voxels. Values of any numeric type are taken where they are whole numbers that fit an
+ * int. Header files (.mhd, .nhdr) name their data file, which is looked for beside them, and nowhere else.
  *
  * SB_ERROR_ARGUMENT, _FILE, _FORMAT (also: data cut off, more of it than the header says, a value that is no label),
  * _NOT_FINITE (origin, spacing, a value), _UNSUPPORTED (names what: more dimensions, vectors, a compression, pieces),
@@ -47,8 +47,8 @@ SB_API sb_result sb_image_load(sb_image *image, const char *path, const sb_load_
  * name stands for the path in errors; may be NULL. */
 SB_API sb_result sb_image_load_memory(sb_image *image, const void *data, size_t size, const char *name,
                                       const sb_load_options *options, sb_error *error);
-/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file that
- * cannot be read. */
+/* 1 when the file begins as a label image does: to choose between sb_image_load and sb_mesh_load. 0 also for a file
+ * that cannot be read. */
 SB_API int sb_image_is_file(const char *path);
 /* Releases the labels and zeroes the struct. Safe on {0} and on NULL. */
 SB_API void sb_image_free(sb_image *image);

@@ -71,8 +71,8 @@ static sb_result sbi_header_dimension(sbi_header_line *line, int *dimension)
 {
     sb_result result = sbi_header_integer(line, "the dimension", dimension);
     if (!result && *dimension != 2 && *dimension != 3)
-        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED, "an image of %d dimensions: label images have 3, or 2",
-                               *dimension);
+        return sbi_reader_fail(&line->value, SB_ERROR_UNSUPPORTED,
+                               "an image of %d dimensions: label images have 3, or 2", *dimension);
     return result;
 }
 
@@ -90,8 +90,8 @@ static sb_result sbi_meta_type(const sbi_meta *meta, sbi_header_line *line)
         char name[16];
         char class_;
         int size;
-    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1}, {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
-                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},  {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
+    } types[] = {{"MET_CHAR", 'i', 1},  {"MET_UCHAR", 'u', 1},  {"MET_SHORT", 'i', 2},     {"MET_USHORT", 'u', 2},
+                 {"MET_INT", 'i', 4},   {"MET_UINT", 'u', 4},   {"MET_LONG", 'i', 4},      {"MET_ULONG", 'u', 4},
                  {"MET_FLOAT", 'f', 4}, {"MET_DOUBLE", 'f', 8}, {"MET_LONG_LONG", 'i', 8}, {"MET_ULONG_LONG", 'u', 8}};
     char text[32];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
@@ -141,7 +141,8 @@ static sb_result sbi_meta_geometry(sbi_meta *meta, sbi_header_line *line)
 
 static int sbi_meta_is_true(const sbi_header_line *line)
 {
-    return line->rest.length > 0 && (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
+    return line->rest.length > 0 &&
+           (line->rest.text[0] == 'T' || line->rest.text[0] == 't' || line->rest.text[0] == '1');
 }
 
 /* A line other than ElementDataFile. */
@@ -247,8 +248,8 @@ static sb_result sbi_nrrd_encoding(sbi_nrrd *nrrd, const sbi_header_line *line)
     static const struct {
         char name[8];
         sbi_voxel_encoding encoding;
-    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT},  {"text", SBI_VOXELS_TEXT},
-                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP}, {"gzip", SBI_VOXELS_GZIP}};
+    } known[] = {{"raw", SBI_VOXELS_RAW},    {"txt", SBI_VOXELS_TEXT}, {"text", SBI_VOXELS_TEXT},
+                 {"ascii", SBI_VOXELS_TEXT}, {"gz", SBI_VOXELS_GZIP},  {"gzip", SBI_VOXELS_GZIP}};
     char text[32];
     nrrd->has_encoding = 1;
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
@@ -356,10 +357,10 @@ static sb_result sbi_nrrd_line(sbi_nrrd *nrrd, sbi_header_line *line)
 
 static sb_result sbi_nrrd_finish(const sbi_nrrd *nrrd, const sbi_reader *reader)
 {
-    const char *missing = !nrrd->has_counts       ? "sizes"
-                          : !nrrd->data->class_   ? "type"
-                          : !nrrd->has_encoding   ? "encoding"
-                                                  : NULL;
+    const char *missing = !nrrd->has_counts     ? "sizes"
+                          : !nrrd->data->class_ ? "type"
+                          : !nrrd->has_encoding ? "encoding"
+                                                : NULL;
     if (!missing && !nrrd->has_endian && nrrd->data->size > 1 && nrrd->data->encoding != SBI_VOXELS_TEXT)
         missing = "endian";
     return missing ? sbi_reader_fail(reader, SB_ERROR_FORMAT, "the header has no %s", missing) : SB_OK;

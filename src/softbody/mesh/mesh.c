@@ -41,8 +41,8 @@ static int sbi_mesh_allocate_kind(sb_mesh *mesh, sbi_element element, int node_c
     return 0;
 }
 
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator)
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count, int with_regions,
+                              const sb_allocator *allocator)
 {
     return sbi_mesh_allocate_kind(mesh, sbi_element_make(type, NULL), node_count, element_count, with_regions,
                                   allocator);
@@ -58,8 +58,7 @@ SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
             return result;
     }
     if (sb_mesh_element_width(mesh) == 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d",
-                        (int)mesh->element_type);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has unknown element type %d", (int)mesh->element_type);
     if (mesh->node_count < 0 || mesh->element_count < 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has %d nodes and %d elements", mesh->node_count,
                         mesh->element_count);
@@ -67,8 +66,7 @@ SBI_API sb_result sbi_mesh_check_shape(const sb_mesh *mesh, sb_error *error)
         return sbi_fail(error, SB_ERROR_MESH, "mesh is empty: %d nodes, %d elements", mesh->node_count,
                         mesh->element_count);
     if (!mesh->nodes || !mesh->elements)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has no array of %s",
-                        mesh->nodes ? "elements" : "nodes");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "mesh has no array of %s", mesh->nodes ? "elements" : "nodes");
     return SB_OK;
 }
 
@@ -76,8 +74,7 @@ SBI_API sb_result sbi_mesh_check_nodes(const sb_mesh *mesh, sb_error *error)
 {
     for (int i = 0; i < mesh->node_count; i++)
         if (!sb_v3_is_finite(mesh->nodes[i]))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d has a coordinate that is not finite",
-                                 i);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "node %d has a coordinate that is not finite", i);
     return SB_OK;
 }
 
@@ -102,13 +99,12 @@ SBI_API sb_result sbi_mesh_check_arrays(const sb_mesh *mesh, sb_error *error)
         result = sbi_mesh_check_nodes(mesh, error);
     for (int e = 0; result == SB_OK && e < mesh->element_count; e++)
         if (sbi_mesh_index_out_of_range(mesh, e, &index))
-            result = sbi_fail_element(error, SB_ERROR_INDEX, e, "element %d refers to node %d of %d", e,
-                                      index, mesh->node_count);
+            result = sbi_fail_element(error, SB_ERROR_INDEX, e, "element %d refers to node %d of %d", e, index,
+                                      mesh->node_count);
     return result;
 }
 
-SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
-                              sb_error *error)
+SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy, sb_error *error)
 {
     sb_mesh made;
     size_t nodes_per_element;

@@ -13,9 +13,9 @@ typedef struct sb_mesh {
     sb_vec3 *nodes; /* [node_count] positions (m) */
     sb_element_type element_type;
     int element_count;
-    int *elements;          /* [element_count][nodes per element] node indices */
-    int *regions;           /* [element_count] material region of each element, or NULL: all 0 */
-    sb_allocator allocator; /* what the arrays came from; zeros: malloc */
+    int *elements;                 /* [element_count][nodes per element] node indices */
+    int *regions;                  /* [element_count] material region of each element, or NULL: all 0 */
+    sb_allocator allocator;        /* what the arrays came from; zeros: malloc */
     const sb_element_table *table; /* of SB_CUSTOM elements; borrowed, also by copies and bodies. Others: not read */
 } sb_mesh;
 
@@ -37,8 +37,7 @@ SB_INLINE int sb_mesh_element_width(const sb_mesh *mesh)
 SB_API void sb_mesh_free(sb_mesh *mesh);
 
 /* Deep copy with memory from `allocator`. */
-SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy,
-                              sb_error *error);
+SB_API sb_result sb_mesh_copy(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *copy, sb_error *error);
 
 /* Appends nodes and elements of `other`, which has the same element type (and table), to the mesh: they get the numbers
  * after its own, and no node is merged. Regions are kept (0 where one of the two has none). New arrays come
@@ -82,21 +81,21 @@ typedef struct sb_mesh_report {
     int defect_count[SB_MESH_DEFECT_COUNT]; /* elements per sb_mesh_defect; [0] the sound ones */
     int not_finite_nodes;                   /* nodes with a NaN or infinite coordinate */
     int first_not_finite_node;              /* or -1 */
-    int unreferenced_nodes;      /* nodes of no element: a stiffness matrix with them is singular */
-    int first_unreferenced_node; /* or -1 */
-    int duplicate_nodes;         /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
-    int components;              /* parts that share no node; each needs supports of its own */
-    sb_real volume; /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
-    sb_real area;   /* m^2: surfaces; 0 for volumes */
+    int unreferenced_nodes;                 /* nodes of no element: a stiffness matrix with them is singular */
+    int first_unreferenced_node;            /* or -1 */
+    int duplicate_nodes;                    /* nodes that sb_mesh_merge_nodes with automatic tolerance would remove */
+    int components;                         /* parts that share no node; each needs supports of its own */
+    sb_real volume;             /* m^3: volume mesh: sum; closed surface: enclosed, negative when inside out */
+    sb_real area;               /* m^2: surfaces; 0 for volumes */
     sb_real min_edge, max_edge; /* m, straight corner to corner */
-    sb_real worst_quality;    /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
-    int worst_element;        /* its element, or -1 */
-    int boundary_faces;       /* volumes: faces of one element only */
-    int nonmanifold_faces;    /* volumes: faces of more than two elements */
-    int open_edges;           /* surfaces: edges of one element only; 0: closed */
-    int nonmanifold_edges;    /* surfaces: edges of more than two elements */
-    int inconsistent_edges;   /* surfaces: edges whose two elements are oriented against each other */
-    int nonmanifold_vertices; /* surfaces: nodes where parts touch in a point */
+    sb_real worst_quality;      /* smallest sb_mesh_element_quality of the elements that are not bad; 0: none */
+    int worst_element;          /* its element, or -1 */
+    int boundary_faces;         /* volumes: faces of one element only */
+    int nonmanifold_faces;      /* volumes: faces of more than two elements */
+    int open_edges;             /* surfaces: edges of one element only; 0: closed */
+    int nonmanifold_edges;      /* surfaces: edges of more than two elements */
+    int inconsistent_edges;     /* surfaces: edges whose two elements are oriented against each other */
+    int nonmanifold_vertices;   /* surfaces: nodes where parts touch in a point */
     sb_allocator allocator;
 } sb_mesh_report;
 
@@ -188,31 +187,28 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
                                   sb_boundary *boundary, sb_error *error);
 /* Neighbour of each element across each face (surfaces: across each edge), [elements][faces or edges]; -1
  * where there is none or more than one. */
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error);
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error);
 /* Every edge once, corner to corner, [edges][2] with the smaller node first, sorted. */
 SB_API sb_result sb_mesh_edges(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *edges,
                                sb_error *error);
 /* The elements of each node, ascending. */
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error);
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error);
 /* Part number of each element, [elements][1], from 0 in the order of their first element; elements that share
  * a node belong together. *count (or NULL): number of parts. */
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error);
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error);
 
 /* ---- conversions --------------------------------------------------------------------------------------- */
 
 /* The tet10 mesh with straight edges of a tet4 mesh: old nodes first, then one node per edge. Regions are
  * kept. */
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error);
 /* The hex20 or hex27 mesh with straight edges of a hex8 mesh: old nodes first, then one node per edge, and for hex27
  * one per face and one per element, each in the middle. Regions are kept. */
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error);
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error);
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error);
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error);
 /* Renumbers nodes by reverse Cuthill-McKee and sorts elements by their lowest node: small bandwidth, good
  * cache use. Worth a call before a body is made of a mesh: a tangent of 9,600 tet10 is assembled in three
  * quarters of the time it takes with nodes as sb_mesh_beam numbers them, and in less than along a
@@ -234,8 +230,8 @@ SB_INLINE sbi_element sbi_mesh_element_kind(const sb_mesh *mesh)
 /* Cosines of the smallest and of the largest dihedral angle of a tet, whichever way it is oriented; NaN when flat. */
 SBI_API void sbi_mesh_tet_cosines(const sb_vec3 corners[4], sb_real *of_smallest, sb_real *of_largest);
 /* Arrays for a mesh, their contents not set; 0 (and nothing allocated) when memory is short. */
-SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count,
-                              int with_regions, const sb_allocator *allocator);
+SBI_API int sbi_mesh_allocate(sb_mesh *mesh, sb_element_type type, int node_count, int element_count, int with_regions,
+                              const sb_allocator *allocator);
 /* Faces, edges or whole elements as keys: their corners sorted ascending, with equal keys side by side. */
 typedef enum sbi_mesh_part {
     SBI_MESH_SIDES, /* faces of volumes, edges of surfaces */

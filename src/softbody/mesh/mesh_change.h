@@ -10,17 +10,18 @@
  * before they write any node.
  *
  * A change is checked before it gets here: indices are in range, lists have no entry twice, cells that came name nodes
- * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of count
- * 0 may be NULL.
+ * that are in use after it, and nodes that went have no cell left. Arrays are valid during the call only; those of
+ * count 0 may be NULL.
  *
- * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test. A
- * free node has no cell.
+ * A free slot of a cell has weights and gradients 0 and names node 0 at every corner, so that most loops need no test.
+ * A free node has no cell.
  *
  * A room has two calls. sbi_ROOM_reserve takes all memory that following needs: it may fail, and changes nothing that
  * can be seen. sbi_ROOM_follow then cannot fail. */
 typedef struct sb_mesh_change {
-    int node_end, cell_end; /* slots in use or free lie below these, after the change; they fall when the last ones go */
-    int nodes_per_cell;     /* n below */
+    int node_end,
+        cell_end;       /* slots in use or free lie below these, after the change; they fall when the last ones go */
+    int nodes_per_cell; /* n below */
 
     int made_node_count;
     const int *made_nodes;         /* [made_node_count] */
@@ -32,17 +33,18 @@ typedef struct sb_mesh_change {
     const unsigned char *made_copies; /* [made_node_count] 1: a copy where material parts, which no support follows */
 
     int removed_node_count;
-    const int *removed_nodes;  /* [removed_node_count] */
-    const int *heir_start;     /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
-    const int *heirs;          /* nodes in use after the change that loads, mappings and constraints go over to */
+    const int *removed_nodes;    /* [removed_node_count] */
+    const int *heir_start;       /* [removed_node_count + 1] into heirs; none: nothing may refer to the node */
+    const int *heirs;            /* nodes in use after the change that loads, mappings and constraints go over to */
     const sb_real *heir_weights; /* they sum to 1 */
 
     int moved_node_count;
     const int *moved_nodes;    /* [moved_node_count] in use before and after, with another rest position now */
     const sb_vec3 *moved_from; /* [moved_node_count] rest positions before (m) */
     const sb_vec3 *moved_to;   /* [moved_node_count] and after */
-    const int *moved_start;    /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
-    const int *moved_sources;  /* as sources */
+    const int
+        *moved_start; /* [moved_node_count + 1] into moved_sources; none: the node's motion stays; NULL: no list */
+    const int *moved_sources; /* as sources */
     const sb_real *moved_weights;
 
     int removed_cell_count;

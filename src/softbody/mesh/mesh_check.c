@@ -30,8 +30,8 @@ static const char *sbi_mesh_defect_text(sb_mesh_defect defect)
 }
 
 /* "3 elements inverted (negative volume): 3, 17, 40" */
-static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders,
-                                        sb_mesh_defect defect, sb_error *error)
+static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offenders *offenders, sb_mesh_defect defect,
+                                        sb_error *error)
 {
     char list[16 * SBI_MESH_LISTED], index_text[64];
     size_t used = 0;
@@ -41,16 +41,15 @@ static sb_result sbi_mesh_fail_elements(const sb_mesh *mesh, const sbi_mesh_offe
         used += (size_t)snprintf(list + used, sizeof list - used, "%s%d", i ? ", " : "", offenders->first[i]);
     if (defect == SB_MESH_INDEX_RANGE && sbi_mesh_index_out_of_range(mesh, offenders->first[0], &index))
         snprintf(index_text, sizeof index_text, " (the first: %d of %d nodes)", index, mesh->node_count);
-    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH,
-                            offenders->first[0], "%d element%s %s%s: %s%s", offenders->count,
-                            offenders->count == 1 ? "" : "s", sbi_mesh_defect_text(defect), index_text, list,
-                            offenders->count > listed ? ", ..." : "");
+    return sbi_fail_element(error, defect == SB_MESH_INDEX_RANGE ? SB_ERROR_INDEX : SB_ERROR_MESH, offenders->first[0],
+                            "%d element%s %s%s: %s%s", offenders->count, offenders->count == 1 ? "" : "s",
+                            sbi_mesh_defect_text(defect), index_text, list, offenders->count > listed ? ", ..." : "");
 }
 
 SB_API sb_result sb_mesh_validate(const sb_mesh *mesh, sb_error *error)
 {
-    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED,
-                                           SB_MESH_FLAT, SB_MESH_BAD_MIDSIDE};
+    static const sb_mesh_defect order[] = {SB_MESH_INDEX_RANGE, SB_MESH_REPEATED_NODE, SB_MESH_INVERTED, SB_MESH_FLAT,
+                                           SB_MESH_BAD_MIDSIDE};
     sbi_mesh_offenders found[SB_MESH_DEFECT_COUNT];
     sbi_mesh_table table;
     sb_result result = sbi_mesh_check_shape(mesh, error);
@@ -103,8 +102,7 @@ static void sbi_mesh_check_release(const sb_allocator *allocator, sbi_mesh_check
     sbi_mesh_keys_free(allocator, &scratch->whole);
 }
 
-static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     memset(scratch, 0, sizeof *scratch);
     scratch->defect = (unsigned char *)sbi_alloc(allocator, (size_t)mesh->element_count, 1);
@@ -115,8 +113,7 @@ static int sbi_mesh_check_allocate(const sb_mesh *mesh, const sb_allocator *allo
 }
 
 /* Sorts out the elements: what each has by itself, then the repetitions of earlier ones. */
-static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                   sbi_mesh_check_scratch *scratch)
+static int sbi_mesh_check_elements(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch)
 {
     sbi_mesh_table table;
     sbi_mesh_keys *whole = &scratch->whole;
@@ -142,8 +139,8 @@ static int sbi_mesh_check_list_bad(const sb_mesh *mesh, const unsigned char *def
     for (int e = 0; e < mesh->element_count; e++)
         report->defect_count[defect[e]]++;
     report->bad_count = mesh->element_count - report->defect_count[SB_MESH_SOUND];
-    report->bad = (sb_mesh_bad_element *)sbi_alloc(&report->allocator, (size_t)report->bad_count,
-                                                   sizeof(sb_mesh_bad_element));
+    report->bad =
+        (sb_mesh_bad_element *)sbi_alloc(&report->allocator, (size_t)report->bad_count, sizeof(sb_mesh_bad_element));
     if (!report->bad)
         return 0;
     for (int e = 0, i = 0; e < mesh->element_count; e++) {
@@ -188,8 +185,8 @@ static void sbi_mesh_check_sides(const sb_mesh *mesh, const sbi_mesh_keys *sides
             (*(surface ? &report->nonmanifold_edges : &report->nonmanifold_faces))++;
         if (surface && end == begin + 2) {
             int p = sides->order[begin], q = sides->order[begin + 1], per = sides->per_element;
-            report->inconsistent_edges += sbi_mesh_edge_ascends(mesh, p / per, p % per) ==
-                                          sbi_mesh_edge_ascends(mesh, q / per, q % per);
+            report->inconsistent_edges +=
+                sbi_mesh_edge_ascends(mesh, p / per, p % per) == sbi_mesh_edge_ascends(mesh, q / per, q % per);
         }
     }
 }
@@ -225,8 +222,7 @@ static int sbi_mesh_count_pinched(const sb_mesh *mesh, const sbi_mesh_keys *side
     return pinched;
 }
 
-static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect,
-                                        sb_mesh_report *report)
+static void sbi_mesh_check_edge_lengths(const sb_mesh *mesh, const unsigned char *defect, sb_mesh_report *report)
 {
     int ends[3] = {0, 0, 0}, found = 0;
     for (int e = 0; e < mesh->element_count; e++) {
@@ -268,18 +264,16 @@ static void sbi_mesh_check_geometry(const sb_mesh *mesh, const unsigned char *de
 }
 
 /* Fills the report; 0 when memory is short. */
-static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator,
-                              sbi_mesh_check_scratch *scratch, sb_mesh_report *report)
+static int sbi_mesh_check_all(const sb_mesh *mesh, const sb_allocator *allocator, sbi_mesh_check_scratch *scratch,
+                              sb_mesh_report *report)
 {
-    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) ||
-        !sbi_mesh_check_elements(mesh, allocator, scratch) ||
+    if (!sbi_mesh_check_allocate(mesh, allocator, scratch) || !sbi_mesh_check_elements(mesh, allocator, scratch) ||
         !sbi_mesh_check_nodes_of_report(mesh, allocator, scratch, report) ||
         !sbi_mesh_keys_make(mesh, SBI_MESH_SIDES, scratch->skip, allocator, &scratch->sides))
         return 0;
     sbi_mesh_check_geometry(mesh, scratch->defect, report);
     sbi_mesh_check_sides(mesh, &scratch->sides, report);
-    report->components =
-        sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
+    report->components = sbi_mesh_label_components(mesh, scratch->skip, scratch->per_element, scratch->per_node);
     if (sb_element_dimension(mesh->element_type) == 2)
         report->nonmanifold_vertices =
             sbi_mesh_count_pinched(mesh, &scratch->sides, scratch->skip, allocator, scratch->per_node);

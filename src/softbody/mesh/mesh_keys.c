@@ -1,4 +1,5 @@
-/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one place.
+/* mesh_keys: what is the same: parts of elements with the same corners, elements that hang together, nodes in one
+ * place.
  *
  * Faces, edges and whole elements are compared through their corner nodes sorted ascending ("keys"). Sorting
  * the keys column by column with counting sort takes linear time whatever the numbering, needs no hashing,
@@ -15,8 +16,7 @@ SBI_API void sbi_mesh_keys_free(const sb_allocator *allocator, sbi_mesh_keys *ke
 }
 
 /* Local corner numbers of a part of an element; returns how many. */
-static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index,
-                                 int corners[SB_MAX_ELEMENT_NODES])
+static int sbi_mesh_part_corners(sbi_element element, sbi_mesh_part part, int index, int corners[SB_MAX_ELEMENT_NODES])
 {
     sb_element_type face_type = SB_NO_ELEMENT;
     if (part == SBI_MESH_WHOLE) {
@@ -51,8 +51,7 @@ static void sbi_mesh_insertion_sort(int *values, int count)
     }
 }
 
-static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip,
-                               sbi_mesh_keys *keys)
+static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const unsigned char *skip, sbi_mesh_keys *keys)
 {
     int corners[SB_MAX_ELEMENT_EDGES][SB_MAX_ELEMENT_NODES], count[SB_MAX_ELEMENT_EDGES];
     for (int i = 0; i < keys->per_element; i++)
@@ -74,8 +73,8 @@ static void sbi_mesh_keys_fill(const sb_mesh *mesh, sbi_mesh_part part, const un
 }
 
 /* One stable counting sort of the order by a column of the keys; start has node_count + 1 entries. */
-static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from,
-                                 int *to, int *start)
+static void sbi_mesh_sort_column(const sbi_mesh_keys *keys, int column, int node_count, const int *from, int *to,
+                                 int *start)
 {
     const int *value = keys->keys + column;
     memset(start, 0, sizeof(int) * ((size_t)node_count + 1));
@@ -131,8 +130,7 @@ SBI_API int sbi_mesh_run_end(const sbi_mesh_keys *keys, int begin)
     size_t width = (size_t)keys->width;
     const int *key = keys->keys + (size_t)keys->order[begin] * width;
     int end = begin + 1;
-    while (end < keys->sorted &&
-           memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
+    while (end < keys->sorted && memcmp(key, keys->keys + (size_t)keys->order[end] * width, sizeof(int) * width) == 0)
         end++;
     return end;
 }
@@ -241,8 +239,7 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 {
     const sb_real reach = grid->tolerance;
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell),
-            j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
+    int64_t i1 = sbi_mesh_grid_cell((d.x + reach) / grid->cell), j1 = sbi_mesh_grid_cell((d.y + reach) / grid->cell),
             k1 = sbi_mesh_grid_cell((d.z + reach) / grid->cell);
     int best = -1;
     for (int64_t i = sbi_mesh_grid_cell((d.x - reach) / grid->cell); i <= i1; i++)
@@ -257,9 +254,8 @@ static int sbi_mesh_grid_find(const sbi_mesh_grid *grid, const sb_vec3 *nodes, i
 static void sbi_mesh_grid_add(const sbi_mesh_grid *grid, const sb_vec3 *nodes, int node)
 {
     sb_vec3 d = sb_v3_sub(nodes[node], grid->low);
-    size_t bucket =
-        sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell), sbi_mesh_grid_cell(d.y / grid->cell),
-                             sbi_mesh_grid_cell(d.z / grid->cell));
+    size_t bucket = sbi_mesh_grid_bucket(grid, sbi_mesh_grid_cell(d.x / grid->cell),
+                                         sbi_mesh_grid_cell(d.y / grid->cell), sbi_mesh_grid_cell(d.z / grid->cell));
     grid->next[node] = grid->head[bucket];
     grid->head[bucket] = node;
 }

@@ -8,8 +8,9 @@
 typedef struct sbi_mesh_graph {
     const sb_mesh *mesh;
     sb_index_lists elements; /* of each node */
-    int *degree; /* [nodes] elements of the node: known without a graph, and ordered much like the number of neighbours */
-    int *mark;   /* [nodes] search that saw the node last */
+    int *degree;             /* [nodes] elements of the node: known without a graph, and ordered much like the number of
+                              * neighbours */
+    int *mark;               /* [nodes] search that saw the node last */
     int search;
     int *order; /* [nodes] */
 } sbi_mesh_graph;
@@ -158,8 +159,7 @@ static int sbi_mesh_renumbering_allocate(const sb_mesh *mesh, sbi_mesh_renumberi
     r->element_map = (int *)sbi_alloc(allocator, elements, sizeof(int));
     r->start = (int *)sbi_alloc(allocator, nodes + 1, sizeof(int));
     r->nodes = (sb_vec3 *)sbi_alloc(allocator, nodes, sizeof(sb_vec3));
-    r->elements = (int *)sbi_alloc(allocator, elements,
-                                   sizeof(int) * (size_t)sb_mesh_element_width(mesh));
+    r->elements = (int *)sbi_alloc(allocator, elements, sizeof(int) * (size_t)sb_mesh_element_width(mesh));
     if (mesh->regions)
         r->regions = (int *)sbi_alloc(allocator, elements, sizeof(int));
     return r->graph.degree && r->graph.mark && r->graph.order && r->node_map && r->element_map && r->start &&

@@ -84,8 +84,8 @@ SBI_API sb_mesh_defect sbi_mesh_element_defect(const sb_mesh *mesh, const sbi_me
 /* Box around the finite nodes; 0 when there are none. */
 SBI_API int sbi_mesh_finite_bounds(const sb_mesh *mesh, sb_vec3 *low, sb_vec3 *high);
 /* Area of a surface element and its share of the enclosed volume, the flux of (x - origin) / 3 through it. */
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux);
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux);
 /* Sums in double, so that a float build's total is as good as its elements. bad (or NULL) marks elements to
  * leave out. */
 SBI_API void sbi_mesh_measure(const sb_mesh *mesh, const unsigned char *bad, double *area, double *volume);

@@ -121,20 +121,17 @@ static sb_result sbi_mesh_raise(const sb_mesh *mesh, sb_element_type from, sb_el
     return result;
 }
 
-SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_tet10(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *tet10, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_TET4, SB_TET10, allocator, tet10, error);
 }
 
-SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex20(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex20, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX20, allocator, hex20, error);
 }
 
-SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27,
-                                  sb_error *error)
+SB_API sb_result sb_mesh_to_hex27(const sb_mesh *mesh, const sb_allocator *allocator, sb_mesh *hex27, sb_error *error)
 {
     return sbi_mesh_raise(mesh, SB_HEX8, SB_HEX27, allocator, hex27, error);
 }

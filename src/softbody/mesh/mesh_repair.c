@@ -25,7 +25,8 @@ static void sbi_mesh_mirror(sb_element_type type, int *nodes)
         break;
     case SB_TRI3:
     case SB_TET4: sbi_mesh_swap(nodes, 1, 2); break;
-    case SB_HEX27: sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
+    case SB_HEX27:
+        sbi_mesh_swap(nodes, 24, 25); /* faces z- and z+ */
     /* fall through */
     case SB_HEX20:
         for (int a = 8; a < 12; a++)
@@ -117,8 +118,8 @@ static int sbi_mesh_flood_part(const sb_mesh *mesh, sbi_mesh_flood *flood, int b
 
 /* Decides whether the whole part queue[begin..end) must be mirrored on top, and returns its number of
  * flips. */
-static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood,
-                               int begin, int end)
+static int sbi_mesh_flood_turn(const sb_mesh *mesh, const sbi_mesh_table *table, sbi_mesh_flood *flood, int begin,
+                               int end)
 {
     int per = flood->sides.per_element, closed = 1, flips = 0, turn;
     double volume = 0, scale = 0, area, flux;
@@ -169,8 +170,7 @@ SB_API sb_result sb_mesh_orient_surface(sb_mesh *mesh, int *flipped, sb_error *e
     if (result != SB_OK)
         return result;
     if (sb_element_dimension(mesh->element_type) != 2)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface",
-                        sb_element_name(mesh->element_type));
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a mesh of %s is not a surface", sb_element_name(mesh->element_type));
     memset(&flood, 0, sizeof flood);
     flood.queue = (int *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, sizeof(int));
     flood.flip = (signed char *)sbi_alloc(&mesh->allocator, (size_t)mesh->element_count, 1);
@@ -293,8 +293,7 @@ SB_API sb_result sb_mesh_scale(sb_mesh *mesh, sb_real factor, sb_error *error)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale factor must be positive and finite");
     for (int v = 0; v < mesh->node_count; v++)
         if (!sb_is_finite(factor * sbi_mesh_max_abs(mesh->nodes[v])))
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling",
-                                 v);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, v, "node %d would not be finite after scaling", v);
     for (int v = 0; v < mesh->node_count; v++)
         mesh->nodes[v] = sb_v3_scale(factor, mesh->nodes[v]);
     return SB_OK;

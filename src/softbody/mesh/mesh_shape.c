@@ -20,8 +20,7 @@ static void sbi_mesh_table_add_rule(sbi_mesh_table *table, sbi_element element, 
 SBI_API void sbi_mesh_table_for_volume(sbi_mesh_table *table, sbi_element element)
 {
     table->count = 0;
-    sbi_mesh_table_add_rule(table, element,
-                            element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
+    sbi_mesh_table_add_rule(table, element, element.table ? SB_QUADRATURE_MASS : SB_QUADRATURE_STIFFNESS_CURVED);
 }
 
 SBI_API void sbi_mesh_table_for_checks(sbi_mesh_table *table, sbi_element element)
@@ -60,8 +59,7 @@ SBI_API void sbi_mesh_local_make(const sb_mesh *mesh, int element, sbi_mesh_loca
     if (local->size > 0) {
         local->rounding *= 1 + magnitude / local->size;
         for (int a = 0; a < n; a++)
-            local->x[a] =
-                sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
+            local->x[a] = sb_v3(local->x[a].x / local->size, local->x[a].y / local->size, local->x[a].z / local->size);
     }
 }
 
@@ -98,13 +96,11 @@ static sb_mesh_defect sbi_mesh_defect_of_sign(sb_real det, sb_real rounding)
 {
     if (det > rounding)
         return SB_MESH_SOUND;
-    return det < -rounding ? SB_MESH_INVERTED
-                           : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
+    return det < -rounding ? SB_MESH_INVERTED : SB_MESH_FLAT; /* flat: also NaN from coordinates near the largest */
 }
 
 /* Worst sign of the Jacobian over the table's points, inverted before flat. */
-static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count,
-                                              const sbi_mesh_local *local)
+static sb_mesh_defect sbi_mesh_sampled_defect(const sbi_mesh_table *table, int node_count, const sbi_mesh_local *local)
 {
     sb_mesh_defect worst = SB_MESH_SOUND;
     for (int i = 0; i < table->count; i++) {
@@ -131,10 +127,10 @@ static sb_mesh_defect sbi_mesh_shape_defect(const sb_mesh *mesh, const sbi_mesh_
     }
     if (mesh->element_type == SB_HEX8 || mesh->element_type == SB_CUSTOM)
         return sbi_mesh_sampled_defect(table, n, &local);
-    defect = sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8
-                                         ? sbi_mesh_hex_corner_det(local.x)
-                                         : sbi_mesh_corner_det(local.x),
-                                     local.rounding);
+    defect =
+        sbi_mesh_defect_of_sign(sb_element_straight(mesh->element_type) == SB_HEX8 ? sbi_mesh_hex_corner_det(local.x)
+                                                                                   : sbi_mesh_corner_det(local.x),
+                                local.rounding);
     if (defect != SB_MESH_SOUND || mesh->element_type == SB_TET4)
         return defect;
     return sbi_mesh_sampled_defect(table, n, &local) == SB_MESH_SOUND ? SB_MESH_SOUND : SB_MESH_BAD_MIDSIDE;
@@ -194,8 +190,8 @@ static sb_real sbi_mesh_volume_of(const sb_mesh *mesh, const sbi_mesh_table *tab
     return volume;
 }
 
-SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element,
-                                    sb_vec3 origin, double *area, double *flux)
+SBI_API void sbi_mesh_area_and_flux(const sb_mesh *mesh, const sbi_mesh_table *table, int element, sb_vec3 origin,
+                                    double *area, double *flux)
 {
     const int *nodes = sbi_mesh_element(mesh, element);
     int n = sb_mesh_element_width(mesh);
@@ -349,8 +345,7 @@ SBI_API sb_real sbi_mesh_quality_of(const sb_mesh *mesh, const sbi_mesh_table *t
     case SB_HEX8: return sbi_mesh_scaled_jacobian(table, 8, 8, 0, local.x);
     case SB_HEX20:
     case SB_HEX27:
-    case SB_CUSTOM:
-        return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
+    case SB_CUSTOM: return sbi_mesh_scaled_jacobian(table, table->count, sb_mesh_element_width(mesh), 0, local.x);
     case SB_QUAD4:
     case SB_QUAD8:
     case SB_QUAD9: return sbi_mesh_scaled_jacobian(table, 4, 4, 1, local.x);
@@ -401,8 +396,8 @@ SB_API void sb_mesh_dihedral_range(const sb_mesh *mesh, sb_real *smallest, sb_re
 {
     const sb_real degrees = (sb_real)57.295779513082321;
     sb_real sharp = -1, blunt = 1;
-    int is_tet = mesh && mesh->nodes && mesh->elements &&
-                 (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
+    int is_tet =
+        mesh && mesh->nodes && mesh->elements && (mesh->element_type == SB_TET4 || mesh->element_type == SB_TET10);
     for (int e = 0; is_tet && e < mesh->element_count; e++) {
         const int *nodes = mesh->elements + (size_t)e * (size_t)sb_mesh_element_width(mesh);
         sb_vec3 corners[4];

@@ -33,8 +33,7 @@ SB_API void sb_boundary_free(sb_boundary *boundary)
     memset(boundary, 0, sizeof *boundary);
 }
 
-static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns,
-                                   const sb_allocator *allocator)
+static int sbi_mesh_table_allocate(sb_index_table *table, int rows, int columns, const sb_allocator *allocator)
 {
     sbi_mesh_set_allocator(&table->allocator, allocator);
     table->rows = rows;
@@ -117,15 +116,15 @@ static int sbi_mesh_boundary_row(const sb_mesh *mesh, int e, int face, int row, 
 }
 
 /* The surface with all nodes of the volume; 0 when memory is short. */
-static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map,
-                                  const sb_allocator *allocator, sb_boundary *boundary)
+static int sbi_mesh_boundary_make(const sb_mesh *mesh, const int *mate, int with_map, const sb_allocator *allocator,
+                                  sb_boundary *boundary)
 {
     sbi_element element = sbi_mesh_element_kind(mesh);
     sb_element_type type = sbi_mesh_boundary_type(element);
     int per = sbi_element_face_count(element), sides = mesh->element_count * per;
     int rows = sbi_mesh_count_rows(mesh, mate, type), row = 0;
-    if (rows < 0 || !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL,
-                                       allocator))
+    if (rows < 0 ||
+        !sbi_mesh_allocate(&boundary->surface, type, mesh->node_count, rows, mesh->regions != NULL, allocator))
         return 0;
     boundary->elements = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
     boundary->faces = (int *)sbi_alloc(allocator, (size_t)rows, sizeof(int));
@@ -189,8 +188,8 @@ SB_API sb_result sb_mesh_boundary(const sb_mesh *mesh, int compact, const sb_all
     return result;
 }
 
-SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *neighbours, sb_error *error)
+SB_API sb_result sb_mesh_neighbours(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *neighbours,
+                                    sb_error *error)
 {
     sb_index_table made;
     sbi_mesh_keys sides;
@@ -282,8 +281,7 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     if (lists->items) {
         sbi_mesh_fill_int(last, count, -1);
         sbi_mesh_lists_fill(mesh, lists, last, 0);
-        memmove(lists->offsets + 1, lists->offsets,
-                sizeof(int) * (size_t)count); /* filling moved each to its end */
+        memmove(lists->offsets + 1, lists->offsets, sizeof(int) * (size_t)count); /* filling moved each to its end */
         lists->offsets[0] = 0;
     } else {
         sb_index_lists_free(lists);
@@ -292,8 +290,8 @@ SBI_API int sbi_mesh_lists_make(const sb_mesh *mesh, const sb_allocator *allocat
     return lists->items != NULL;
 }
 
-SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator,
-                                       sb_index_lists *lists, sb_error *error)
+SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_lists *lists,
+                                       sb_error *error)
 {
     sb_index_lists made;
     sb_result result = sbi_mesh_check_output(mesh, lists, error);
@@ -305,8 +303,8 @@ SB_API sb_result sb_mesh_node_elements(const sb_mesh *mesh, const sb_allocator *
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator,
-                                    sb_index_table *labels, int *count, sb_error *error)
+SB_API sb_result sb_mesh_components(const sb_mesh *mesh, const sb_allocator *allocator, sb_index_table *labels,
+                                    int *count, sb_error *error)
 {
     sb_index_table made;
     int *scratch, parts;

@@ -24,8 +24,8 @@ static int64_t sbi_meshgen_product(int64_t a, int64_t b)
 }
 
 /* Checks the type and the counts, and makes the arrays. */
-static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes,
-                                   int64_t cells, const sb_allocator *allocator, sb_error *error)
+static sb_result sbi_meshgen_begin(sbi_meshgen_builder *builder, sb_element_type type, int64_t nodes, int64_t cells,
+                                   const sb_allocator *allocator, sb_error *error)
 {
     sb_element_type straight = sb_element_straight(type);
     int64_t elements = sbi_meshgen_product(cells, straight == SB_HEX8 ? 1 : 6);
@@ -49,8 +49,7 @@ static sb_result sbi_meshgen_check(sb_element_type type, const sb_mesh *mesh, sb
 static int sbi_meshgen_is_length(sb_real length) { return length > 0 && sb_is_finite(length); }
 
 /* Hands the mesh over, as the quadratic element that was asked for. */
-static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh,
-                                    sb_error *error)
+static sb_result sbi_meshgen_finish(sbi_meshgen_builder *builder, sb_element_type type, sb_mesh *mesh, sb_error *error)
 {
     sb_result result = SB_OK;
     sb_allocator allocator = builder->mesh.allocator;
@@ -127,8 +126,8 @@ static void sbi_meshgen_grid_cell(int i, int j, int k, int nx, int ny, int cell[
 
 /* ---- beam ---- */
 
-SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size,
-                              const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_vec3 size, const sb_allocator *allocator,
+                              sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     int cell[8], v = 0;
@@ -140,8 +139,7 @@ SB_API sb_result sb_mesh_beam(sb_element_type type, int nx, int ny, int nz, sb_v
     if (!sbi_meshgen_is_length(size.x) || !sbi_meshgen_is_length(size.y) || !sbi_meshgen_is_length(size.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the sizes of a beam must be positive and finite");
     result = sbi_meshgen_begin(
-        &builder, type,
-        sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1), (int64_t)nz + 1),
+        &builder, type, sbi_meshgen_product(sbi_meshgen_product((int64_t)nx + 1, (int64_t)ny + 1), (int64_t)nz + 1),
         sbi_meshgen_product(sbi_meshgen_product(nx, ny), nz), allocator, error);
     if (result != SB_OK)
         return result;
@@ -222,8 +220,8 @@ static void sbi_meshgen_disc_points(sbi_meshgen_round round, sb_vec3 *points)
     int core = round.core, next = 0, i, j;
     for (j = 0; j <= core; j++)
         for (i = 0; i <= core; i++)
-            points[next++] = sbi_meshgen_round_point(
-                sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
+            points[next++] =
+                sbi_meshgen_round_point(sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), 0), 0);
     for (int ring = 1; ring <= round.layers; ring++) {
         for (int step = 0; step < 4 * core; step++) {
             sbi_meshgen_loop_point(step, core, &i, &j);
@@ -290,14 +288,13 @@ static void sbi_meshgen_cylinder_nodes(sb_mesh *mesh, int per_layer, int axis, s
         sb_real height = length * ((sb_real)k / (sb_real)along);
         for (int v = 0; v < per_layer; v++) {
             sb_vec3 point = mesh->nodes[v];
-            mesh->nodes[v + k * per_layer] =
-                sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
+            mesh->nodes[v + k * per_layer] = sbi_meshgen_along_axis(axis, radius * point.x, radius * point.y, height);
         }
     }
 }
 
-SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across,
-                                  int along, const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius, sb_real length, int across, int along,
+                                  const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sbi_meshgen_round round = sbi_meshgen_round_of(across);
@@ -308,13 +305,11 @@ SB_API sb_result sb_mesh_cylinder(sb_element_type type, int axis, sb_real radius
     if (axis < 0 || axis > 2)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "axis %d of a cylinder is none of 0, 1, 2", axis);
     if (across < 4 || across > 20000 || along < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across,
-                        along);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a cylinder of %d cells across and %d along", across, along);
     if (!sbi_meshgen_is_length(radius) || !sbi_meshgen_is_length(length))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "radius and length must be positive and finite");
     quads = (int64_t)round.core * round.core + 4 * (int64_t)round.core * round.layers;
-    result = sbi_meshgen_begin(&builder, type,
-                               sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
+    result = sbi_meshgen_begin(&builder, type, sbi_meshgen_product(sbi_meshgen_disc_nodes(round), (int64_t)along + 1),
                                sbi_meshgen_product(quads, along), allocator, error);
     if (result != SB_OK)
         return result;
@@ -342,13 +337,12 @@ static int *sbi_meshgen_surface_ranks(int core, const sb_allocator *allocator)
 /* Nodes of the unit ball: the core grid, then layer after layer in the order of the core's surface. */
 static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_vec3 *nodes)
 {
-    int core = round.core, side = core + 1, v = 0,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, v = 0, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     for (int k = 0; k < side; k++) {
         for (int j = 0; j < side; j++) {
             for (int i = 0; i < side; i++, v++) {
-                sb_vec3 u = sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core),
-                                  sbi_meshgen_centred(k, core));
+                sb_vec3 u =
+                    sb_v3(sbi_meshgen_centred(i, core), sbi_meshgen_centred(j, core), sbi_meshgen_centred(k, core));
                 nodes[v] = sbi_meshgen_round_point(u, 0);
                 for (int layer = 1; layer <= round.layers && rank[v] >= 0; layer++)
                     nodes[side * side * side + (layer - 1) * surface + rank[v]] =
@@ -362,8 +356,7 @@ static void sbi_meshgen_ball_nodes(sbi_meshgen_round round, const int *rank, sb_
 static void sbi_meshgen_ball_column(sbi_meshgen_builder *builder, sbi_meshgen_round round, const int *rank,
                                     const int quad[4])
 {
-    int core = round.core, side = core + 1,
-        surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
+    int core = round.core, side = core + 1, surface = side * side * side - (core - 1) * (core - 1) * (core - 1);
     int cell[8];
     for (int a = 0; a < 4; a++)
         cell[a + 4] = quad[a];
@@ -409,9 +402,8 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     int64_t core = round.core, side = core + 1, inner = core - 1;
     int64_t surface = side * side * side - inner * inner * inner;
     int *rank;
-    sb_result result =
-        sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
-                          core * core * core + 6 * core * core * round.layers, allocator, error);
+    sb_result result = sbi_meshgen_begin(builder, type, side * side * side + round.layers * surface,
+                                         core * core * core + 6 * core * core * round.layers, allocator, error);
     if (result != SB_OK)
         return result;
     rank = sbi_meshgen_surface_ranks(round.core, allocator);
@@ -425,16 +417,15 @@ static sb_result sbi_meshgen_ball(sbi_meshgen_builder *builder, sb_element_type 
     return SB_OK;
 }
 
-SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells,
-                                   const sb_allocator *allocator, sb_mesh *mesh, sb_error *error)
+SB_API sb_result sb_mesh_ellipsoid(sb_element_type type, sb_vec3 semi_axes, int cells, const sb_allocator *allocator,
+                                   sb_mesh *mesh, sb_error *error)
 {
     sbi_meshgen_builder builder;
     sb_result result = sbi_meshgen_check(type, mesh, error);
     if (result != SB_OK)
         return result;
     if (cells < 4 || cells > 500)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible",
-                        cells);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "an ellipsoid of %d cells across: 4 to 500 are possible", cells);
     if (!sbi_meshgen_is_length(semi_axes.x) || !sbi_meshgen_is_length(semi_axes.y) ||
         !sbi_meshgen_is_length(semi_axes.z))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the semi-axes must be positive and finite");

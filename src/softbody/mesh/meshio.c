@@ -26,11 +26,9 @@ SBI_API sb_result sbi_load_options_resolve(const sb_load_options *options, sb_lo
 {
     *resolved = options ? *options : sb_default_load_options();
     if (resolved->cookie != SBI_LOAD_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "the load options do not come from sb_default_load_options()");
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the load options do not come from sb_default_load_options()");
     if (!(resolved->scale > 0) || !sb_is_finite(resolved->scale))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive",
-                        (double)resolved->scale);
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the scale is %g, it must be positive", (double)resolved->scale);
     return SB_OK;
 }
 
@@ -53,8 +51,7 @@ static int sbi_meshio_grow_file(const sb_allocator *allocator, sbi_file *content
 }
 
 /* Reads until the end rather than asking for the size, which pipes do not have and folders make up. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error)
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error)
 {
     size_t capacity = 1 << 16, got = 1;
     sb_result result = SB_OK;
@@ -106,10 +103,9 @@ static sb_file_format sbi_meshio_format_of_name(const char *name)
     static const struct {
         char ending[7];
         sb_file_format format;
-    } endings[] = {{".vtk", SB_FILE_VTK},    {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN},
-                   {".ele", SB_FILE_TETGEN}, {".obj", SB_FILE_OBJ},  {".stl", SB_FILE_STL},
-                   {".ply", SB_FILE_PLY},    {".off", SB_FILE_OFF},  {".vtu", SB_FILE_VTU},
-                   {".vtp", SB_FILE_VTU},    {".mesh", SB_FILE_MEDIT}, {".meshb", SB_FILE_MEDIT}};
+    } endings[] = {{".vtk", SB_FILE_VTK}, {".msh", SB_FILE_GMSH}, {".node", SB_FILE_TETGEN}, {".ele", SB_FILE_TETGEN},
+                   {".obj", SB_FILE_OBJ}, {".stl", SB_FILE_STL},  {".ply", SB_FILE_PLY},     {".off", SB_FILE_OFF},
+                   {".vtu", SB_FILE_VTU}, {".vtp", SB_FILE_VTU},  {".mesh", SB_FILE_MEDIT},  {".meshb", SB_FILE_MEDIT}};
     for (size_t i = 0; i < sizeof endings / sizeof endings[0]; i++)
         if (sbi_meshio_name_ends_with(name, endings[i].ending))
             return endings[i].format;
@@ -196,8 +192,7 @@ SBI_API sb_result sbi_loader_parse(sbi_loader *loader, sb_file_format format)
     case SB_FILE_TETGEN:
     case SB_FILE_AUTO: break;
     }
-    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT,
-                           "this format cannot be read from one piece of memory");
+    return sbi_reader_fail(&loader->reader, SB_ERROR_ARGUMENT, "this format cannot be read from one piece of memory");
 }
 
 /* Whether every tet10 has its last two mid-edge nodes nearer to the other's edge: gmsh's order in a file that should
@@ -428,8 +423,7 @@ SB_API sb_result sb_mesh_load_memory(sb_mesh *mesh, const void *data, size_t siz
 }
 
 /* A copy of the path with its ending, of `cut` characters, replaced; NULL without memory. */
-static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut,
-                                      const char *ending)
+static char *sbi_meshio_change_ending(const sb_allocator *allocator, const char *path, size_t cut, const char *ending)
 {
     size_t stem = strlen(path) - cut, tail = strlen(ending) + 1;
     char *changed = (char *)sbi_alloc(allocator, stem + tail, 1);
@@ -475,8 +469,7 @@ static sb_result sbi_meshio_load_tetgen(sbi_loader *loader, const char *path, co
     return result;
 }
 
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error)
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error)
 {
     sb_load_options resolved;
     sb_file_format format = SB_FILE_AUTO;
@@ -640,10 +633,8 @@ static sb_result sbi_export_check_field(const sb_field *field, const sb_mesh *me
     for (size_t i = 0; i < rows * (size_t)field->components; i++)
         if (!sb_is_finite(field->values[i])) {
             int row = (int)(i / (size_t)field->components);
-            return at_nodes
-                       ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
-                       : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite",
-                                          field->name);
+            return at_nodes ? sbi_fail_node(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name)
+                            : sbi_fail_element(error, SB_ERROR_NOT_FINITE, row, "field %s is not finite", field->name);
         }
     if (!at_nodes && mesh->regions && strcmp(field->name, "region") == 0)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the element field region comes from the mesh");
@@ -725,8 +716,7 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     for (int i = 0; i < mesh->element_count; i++) {
         sbi_export_integer(out, nodes, " ");
         for (int k = 0; k < nodes; k++)
-            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k],
-                               k + 1 < nodes ? " " : "\n");
+            sbi_export_integer(out, mesh->elements[(size_t)i * (size_t)nodes + (size_t)k], k + 1 < nodes ? " " : "\n");
     }
     sbi_export_end_binary(out);
     sbi_export_line(out, "CELL_TYPES", mesh->element_count, "\n");
@@ -735,8 +725,8 @@ static void sbi_export_vtk_mesh(sbi_export *out, const sb_mesh *mesh)
     sbi_export_end_binary(out);
 }
 
-static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                int field_count, int binary, sb_error *error)
+static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                int binary, sb_error *error)
 {
     sbi_export out;
     sb_result result;
@@ -759,14 +749,14 @@ static sb_result sbi_export_vtk(const char *path, const sb_mesh *mesh, const sb_
     return sbi_export_close(&out, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 0, error);
 }
 
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error)
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error)
 {
     return sbi_export_vtk(path, mesh, fields, field_count, 1, error);
 }
@@ -848,8 +838,7 @@ SB_API sb_result sb_mesh_save_stl(const char *path, const sb_mesh *mesh, sb_erro
     for (int i = 0; !result && i < mesh->node_count; i++) {
         sb_vec3 x = mesh->nodes[i];
         if (fabs((double)x.x) > limit || fabs((double)x.y) > limit || fabs((double)x.z) > limit)
-            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i,
-                                 "a coordinate of node %d is too large for STL", i);
+            return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "a coordinate of node %d is too large for STL", i);
     }
     if (!result)
         result = sbi_export_open(&out, path, 1, error);

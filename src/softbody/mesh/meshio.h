@@ -65,9 +65,10 @@ typedef struct sb_mesh_set {
     int element_count;
     int *elements; /* [element_count] elements of the mesh, ascending; when dimension is that of the mesh */
     int face_count, face_corners;
-    int *faces;    /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
-                    * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
-                    * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut alike */
+    int *faces; /* [face_count][face_corners] corner nodes of faces, as sb_body_add_pressure takes them; when dimension
+                 * is 2 and the mesh a volume: those of the file that have the shape of the mesh's faces (3 corners
+                 * for tets, 4 for hexahedra), and quadrilaterals of files whose cells were cut into tets cut
+                 * alike */
     int node_count;
     int *nodes; /* [node_count] nodes of all its cells, ascending */
 } sb_mesh_set;
@@ -110,13 +111,14 @@ SB_API sb_load_options sb_default_load_options(void);
  *          and the node or element: the cell of the file, counted from 0, or with SB_ERROR_MESH the element
  *          of the mesh it would have become
  *
- * The cells of the highest dimension become the mesh: tet4, tet10, hex8, hex20, hex27, or for surfaces tri3, tri6, quad4,
- * quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and POLYDATA, become tri3; polygons
- * are cut into a fan at their first corner, which is right for convex ones. Pyramids, wedges, and hexahedra that are
- * mixed with other volume cells, are cut into tets that fit: each quadrilateral along the diagonal from its lowest node.
- * Linear cells give tet4, quadratic ones (tet10, hex20, hex27, wedge15, wedge18, pyramid13, pyramid14) tet10, whose
- * nodes on diagonals that are not in the file are new, behind those of the file. Linear cells mixed with quadratic
- * ones, and a quadrilateral against triangles that are cut along its other diagonal, are SB_ERROR_UNSUPPORTED.
+ * The cells of the highest dimension become the mesh: tet4, tet10, hex8, hex20, hex27, or for surfaces tri3, tri6,
+ * quad4, quad8, quad9. Triangles mixed with quadrilaterals, and polygons of OBJ, PLY, OFF and POLYDATA, become tri3;
+ * polygons are cut into a fan at their first corner, which is right for convex ones. Pyramids, wedges, and hexahedra
+ * that are mixed with other volume cells, are cut into tets that fit: each quadrilateral along the diagonal from its
+ * lowest node. Linear cells give tet4, quadratic ones (tet10, hex20, hex27, wedge15, wedge18, pyramid13, pyramid14)
+ * tet10, whose nodes on diagonals that are not in the file are new, behind those of the file. Linear cells mixed with
+ * quadratic ones, and a quadrilateral against triangles that are cut along its other diagonal, are
+ * SB_ERROR_UNSUPPORTED.
  *
  * Node orders of gmsh and TetGen are turned into VTK's. Regions come from the cell field `region` (VTK, VTU), else
  * `material`, `MaterialIds`, `gmsh:physical`, `medit:ref`, `CellEntityIds` or their like (the report names it), the
@@ -132,8 +134,7 @@ SB_API sb_load_options sb_default_load_options(void);
  * SB_ERROR_ARGUMENT (null pointer, options), _FILE (cannot be read), _FORMAT, _NOT_FINITE (coordinate, also
  * one too large for sb_real), _INDEX (node that does not exist), _MESH (inverted or flat elements, no
  * elements), _UNSUPPORTED (names the version, data set or element type) or _MEMORY. */
-SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options,
-                              sb_error *error);
+SB_API sb_result sb_mesh_load(sb_mesh *mesh, const char *path, const sb_load_options *options, sb_error *error);
 
 /* Reads a mesh from memory, as sb_mesh_load does from a file.
  *
@@ -163,11 +164,11 @@ typedef struct sb_field {
 /* Writes a legacy VTK 3.0 unstructured grid in ASCII, with fields, and mesh->regions as the cell field
  * `region`. The numbers are exact: %.17g (%.9g when sb_real is float). fields may be NULL when field_count
  * is 0. */
-SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                  int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                  sb_error *error);
 /* The same in VTK's big-endian binary form: smaller, faster, exact. */
-SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields,
-                                         int field_count, sb_error *error);
+SB_API sb_result sb_mesh_save_vtk_binary(const char *path, const sb_mesh *mesh, const sb_field *fields, int field_count,
+                                         sb_error *error);
 
 /* Surfaces of tri3 or quad4; other meshes are SB_ERROR_UNSUPPORTED (a volume: see sb_mesh_boundary). */
 

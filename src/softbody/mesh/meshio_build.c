@@ -122,8 +122,7 @@ SBI_API sb_result sbi_loader_build(sbi_loader *loader, sb_mesh *mesh)
     sb_result result = SB_OK;
     loader->reader.element = loader->reader.node = -1;
     if (dimension < 2)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH,
-                               "the file has no faces and no volume elements");
+        return sbi_reader_fail(&loader->reader, SB_ERROR_MESH, "the file has no faces and no volume elements");
     split = split && sbi_split_wanted(loader, &type);
     if (!split)
         result = sbi_loader_find_type(loader, dimension, &type);

@@ -80,9 +80,8 @@ static sb_result sbi_gmsh_count(sbi_gmsh *gmsh, const char *what, size_t bytes, 
 {
     int64_t value = 0;
     sb_result result = sbi_gmsh_size(gmsh, what, &value);
-    return result
-               ? result
-               : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
+    return result ? result
+                  : sbi_reader_check_count(gmsh->reader, what, value, gmsh->binary ? bytes : 2 * numbers, count);
 }
 
 static sb_result sbi_gmsh_skip_reals(sbi_gmsh *gmsh, size_t count)
@@ -111,8 +110,7 @@ static sb_result sbi_gmsh_node(sbi_gmsh *gmsh)
 static sb_result sbi_gmsh_region(const sbi_gmsh *gmsh, int64_t physical, int *region)
 {
     if (physical > INT_MAX || physical < -INT_MAX)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large",
-                               (long long)physical);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "physical group %lld is too large", (long long)physical);
     *region = (int)(physical < 0 ? -physical : physical);
     return SB_OK;
 }
@@ -130,8 +128,7 @@ static sb_result sbi_gmsh_reserve_nodes(sbi_gmsh *gmsh, int count)
 {
     size_t used = gmsh->loader->node_count, needed = used + (size_t)count;
     if (needed > gmsh->tag_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->tags, used, &gmsh->tag_capacity, needed, sizeof(int64_t));
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->tags = (int64_t *)grown;
@@ -188,8 +185,8 @@ static sb_result sbi_gmsh_cell_node(sbi_gmsh *gmsh, int64_t tag)
     int node = sbi_gmsh_find_node(gmsh, tag);
     if (node < 0)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_INDEX,
-                               "element %d refers to node number %lld, which does not exist",
-                               gmsh->reader->element, (long long)tag);
+                               "element %d refers to node number %lld, which does not exist", gmsh->reader->element,
+                               (long long)tag);
     return sbi_loader_cell_node(gmsh->loader, node, 0);
 }
 
@@ -275,8 +272,7 @@ static sb_result sbi_gmsh_nodes_4(sbi_gmsh *gmsh)
 {
     int blocks = 0, count = 0;
     int64_t unused = 0;
-    sb_result result =
-        sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
+    sb_result result = sbi_gmsh_count(gmsh, "the number of blocks of nodes", 12 + (size_t)gmsh->size_bytes, 4, &blocks);
     if (!result)
         result = sbi_gmsh_count(gmsh, "the number of nodes", 24 + (size_t)sbi_gmsh_tag_bytes(gmsh), 4, &count);
     for (int i = 0; i < 2 && gmsh->version == 41 && !result; i++)
@@ -325,9 +321,8 @@ static sb_result sbi_gmsh_add_entity(sbi_gmsh *gmsh, int dimension, int64_t tag,
     if (gmsh->entity_count == INT_MAX)
         return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 entities");
     if (gmsh->entity_count == gmsh->entity_capacity) {
-        void *grown =
-            sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
-                            gmsh->entity_count + 1, sizeof gmsh->entities[0]);
+        void *grown = sbi_loader_grow(gmsh->loader, gmsh->entities, gmsh->entity_count, &gmsh->entity_capacity,
+                                      gmsh->entity_count + 1, sizeof gmsh->entities[0]);
         if (!grown)
             return sbi_loader_no_memory(gmsh->loader);
         gmsh->entities = (sbi_gmsh_entity *)grown;
@@ -421,8 +416,7 @@ static sb_result sbi_gmsh_entities(sbi_gmsh *gmsh)
     if (scratch && gmsh->entity_order) {
         for (size_t i = 0; i < gmsh->entity_count; i++)
             gmsh->entity_order[i] = (int)i;
-        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before,
-                       gmsh->entities);
+        sbi_merge_sort(gmsh->entity_order, scratch, (int)gmsh->entity_count, sbi_gmsh_entity_before, gmsh->entities);
     } else {
         result = sbi_loader_no_memory(gmsh->loader);
     }
@@ -457,9 +451,8 @@ static sb_result sbi_gmsh_find_kind(const sbi_gmsh *gmsh, int64_t number, int *k
 {
     *kind = sbi_cell_kind_of_gmsh(number);
     if (*kind < 0)
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "element %d has the unknown gmsh type %lld", gmsh->loader->source_count,
-                               (long long)number);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "element %d has the unknown gmsh type %lld",
+                               gmsh->loader->source_count, (long long)number);
     return SB_OK;
 }
 
@@ -564,13 +557,11 @@ static sb_result sbi_gmsh_binary_block(sbi_gmsh *gmsh, int left, int *count)
     if (!result)
         result = sbi_gmsh_find_kind(gmsh, header[0], &kind);
     if (!result)
-        result =
-            sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
+        result = sbi_reader_check_count(gmsh->reader, "the number of elements of a block", header[1], 8, count);
     if (!result)
         result = sbi_reader_check_count(gmsh->reader, "the number of tags", header[2], 4, &tags);
     if (!result && (*count > left || *count == 0))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left",
-                               *count, left);
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_FORMAT, "a block of %d elements where %d are left", *count, left);
     for (int i = 0; i < *count && !result; i++) {
         sbi_loader_begin_cell(gmsh->loader);
         result = sbi_gmsh_integer(gmsh, "element number", &header[0]);
@@ -732,8 +723,9 @@ static sb_result sbi_gmsh_names(sbi_gmsh *gmsh)
             return sbi_reader_fail(reader, SB_ERROR_FORMAT, "physical group %lld of dimension %lld", (long long)number,
                                    (long long)first);
         if (!sbi_gmsh_quoted(reader, &text))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the name of physical group %lld is not between quotation "
-                                                            "marks",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
+                                   "the name of physical group %lld is not between quotation "
+                                   "marks",
                                    (long long)number);
         result = sbi_loader_add_name(gmsh->loader, with_dimension ? (int)first : -1, (int)number, text);
     }
@@ -811,7 +803,8 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     char text[32];
     sb_result result;
     int old_nodes = sbi_word_is(keyword, "$NOD"), old_elements = sbi_word_is(keyword, "$ELM");
-    int elements = old_elements || sbi_word_is(keyword, "$Elements"), nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
+    int elements = old_elements || sbi_word_is(keyword, "$Elements"),
+        nodes = old_nodes || sbi_word_is(keyword, "$Nodes");
     int entities = sbi_word_is(keyword, "$Entities"), format = sbi_word_is(keyword, "$MeshFormat");
     int names = sbi_word_is(keyword, "$PhysicalNames");
     if (keyword.length < 2 || keyword.text[0] != '$')
@@ -820,8 +813,7 @@ static sb_result sbi_gmsh_section(sbi_gmsh *gmsh, sbi_word keyword)
     name.text++;
     name.length--;
     if (sbi_word_is(keyword, "$PartitionedEntities"))
-        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED,
-                               "partitioned gmsh meshes are not supported");
+        return sbi_reader_fail(gmsh->reader, SB_ERROR_UNSUPPORTED, "partitioned gmsh meshes are not supported");
     if (!gmsh->version && (old_nodes || old_elements))
         gmsh->version = 10; /* the only one without $MeshFormat */
     if (gmsh->version != 10 && (old_nodes || old_elements))

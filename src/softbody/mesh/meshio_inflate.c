@@ -176,8 +176,7 @@ static void sbi_inflate_block(sbi_inflater *z, const sbi_inflate_code *literals,
             return;
         /* 1 2 3 4, then two of each number of extra bits */
         distance = symbol < 4 ? symbol + 1
-                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) +
-                                    (int)sbi_inflate_bits(z, symbol / 2 - 1);
+                              : 1 + ((2 + symbol % 2) << (symbol / 2 - 1)) + (int)sbi_inflate_bits(z, symbol / 2 - 1);
         if (!z->wrong)
             sbi_inflate_copy(z, (size_t)length, (size_t)distance);
     }
@@ -382,7 +381,8 @@ SBI_API const char *sbi_gunzip(const sb_allocator *allocator, const unsigned cha
     for (size_t i = 0; i < 8; i++)
         tail[i / 4] |= (uint32_t)data[end + i] << (8 * (i % 4));
     length = out_end - *out_size;
-    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) || tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
+    if (tail[0] != sbi_inflate_crc(*out ? *out + *out_size : NULL, length) ||
+        tail[1] != (uint32_t)(length & 0xFFFFFFFFu))
         return "its checksum is wrong";
     if (size - end > 8)
         return "something follows its end";

@@ -137,8 +137,8 @@ SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader)
     return SB_ERROR_MEMORY;
 }
 
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item)
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item)
 {
     size_t target = *capacity < ((size_t)-1) / 2 ? 2 * *capacity : needed;
     void *grown;
@@ -181,8 +181,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     for (int i = 0; i < 3; i++) {
         double value = x[i] * loader->scale;
         if (x[i] - x[i] != 0)
-            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite",
-                                   reader->node);
+            return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is not finite", reader->node);
         if (fabs(value) > (double)SB_REAL_MAX)
             return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "a coordinate of node %d is too large: %g",
                                    reader->node, value);
@@ -190,8 +189,7 @@ SBI_API sb_result sbi_loader_add_node(sbi_loader *loader, const double x[3])
     }
     if (loader->node_count >= INT_MAX)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 nodes");
-    if (loader->node_count >= loader->node_capacity &&
-        !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
+    if (loader->node_count >= loader->node_capacity && !sbi_loader_room_for_nodes(loader, loader->node_count + 1))
         return sbi_loader_no_memory(loader);
     loader->nodes[loader->node_count++] = sb_v3(scaled[0], scaled[1], scaled[2]);
     reader->node = -1;
@@ -206,9 +204,9 @@ SBI_API sb_result sbi_loader_add_normal(sbi_loader *loader, const double n[3])
                                (unsigned long long)loader->normal_count);
     if (loader->normal_count >= loader->normal_capacity) {
         size_t needed = loader->normal_count + 1;
-        void *grown = sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
-                                      needed > loader->node_capacity ? needed : loader->node_capacity,
-                                      sizeof loader->normals[0]);
+        void *grown =
+            sbi_loader_grow(loader, loader->normals, loader->normal_count, &loader->normal_capacity,
+                            needed > loader->node_capacity ? needed : loader->node_capacity, sizeof loader->normals[0]);
         if (!grown)
             return sbi_loader_no_memory(loader);
         loader->normals = (sb_vec3 *)grown;
@@ -241,13 +239,11 @@ SBI_API sb_result sbi_loader_cell_node(sbi_loader *loader, int64_t number, int64
     if (loader->node_count == 0)
         return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "a cell before the first node");
     if (number < base || number > last)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX,
-                               "node %lld does not exist: nodes are %lld to %lld", (long long)number,
-                               (long long)base, (long long)last);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_INDEX, "node %lld does not exist: nodes are %lld to %lld",
+                               (long long)number, (long long)base, (long long)last);
     if (loader->scratch_count >= loader->scratch_capacity) {
-        void *grown =
-            sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
-                            loader->scratch_count + 1, sizeof loader->scratch[0]);
+        void *grown = sbi_loader_grow(loader, loader->scratch, loader->scratch_count, &loader->scratch_capacity,
+                                      loader->scratch_count + 1, sizeof loader->scratch[0]);
         if (!grown)
             return sbi_loader_no_memory(loader);
         loader->scratch = (int *)grown;
@@ -280,8 +276,8 @@ static sb_result sbi_loader_reserve_cell(sbi_loader *loader, size_t nodes)
 }
 
 /* Appends a cell with the nodes scratch[a], scratch[b], ... or, with corners NULL, all of them in `order`. */
-static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3],
-                                      sbi_node_order order, int region)
+static sb_result sbi_loader_push_cell(sbi_loader *loader, int kind, const size_t corners[3], sbi_node_order order,
+                                      int region)
 {
     int nodes = sbi_cell_kind_at(kind)->nodes;
     sb_result result = sbi_loader_reserve_cell(loader, (size_t)nodes);
@@ -340,8 +336,8 @@ static sb_result sbi_loader_end_triangles(sbi_loader *loader, int region, int st
     sb_result result = SB_OK;
     size_t count = loader->scratch_count;
     if (count < 3)
-        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners",
-                               loader->source_count, (unsigned long long)count);
+        return sbi_reader_fail(&loader->reader, SB_ERROR_FORMAT, "face %d has %llu corners", loader->source_count,
+                               (unsigned long long)count);
     for (size_t i = 0; i + 2 < count && !result; i++) {
         size_t fan[3], odd = strip ? i % 2 : 0;
         fan[0] = strip ? i : 0;
@@ -456,8 +452,8 @@ SBI_API void sbi_loader_ignore(sbi_loader *loader, sbi_word name)
 /* The names that programs give to the material of a cell; ours is best. */
 SBI_API int sbi_region_field_rank(sbi_word name)
 {
-    static const char names[][20] = {"region",       "regions",      "region_id",  "RegionId",      "material",
-                                     "materials",    "material_id",  "MaterialId", "MaterialIds",   "mat_id",
+    static const char names[][20] = {"region",        "regions",     "region_id",    "RegionId",    "material",
+                                     "materials",     "material_id", "MaterialId",   "MaterialIds", "mat_id",
                                      "gmsh:physical", "medit:ref",   "CellEntityIds"};
     const int count = (int)(sizeof names / sizeof names[0]);
     for (int i = 0; i < count; i++)
@@ -517,8 +513,8 @@ SBI_API sb_result sbi_loader_set_region(sbi_loader *loader, sbi_word name, int c
     return SB_OK;
 }
 
-SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format,
-                                       const char *first, const char *second)
+SBI_API sb_result sbi_loader_fail_kind(const sbi_loader *loader, int kind, const char *format, const char *first,
+                                       const char *second)
 {
     sbi_reader place = loader->reader;
     char message[160];

@@ -26,8 +26,8 @@ enum { SBI_MEDIT_DIMENSION = 3, SBI_MEDIT_VERTICES = 4, SBI_MEDIT_END = 54 };
 static const sbi_medit_section *sbi_medit_find(sbi_word name, int64_t code)
 {
     static const sbi_medit_section sections[] = {
-        {"Edges", 5, 3},        {"Triangles", 6, 5},    {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
-        {"Prisms", 9, 13},      {"Hexahedra", 10, 12},  {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
+        {"Edges", 5, 3},         {"Triangles", 6, 5},   {"Quadrilaterals", 7, 9}, {"Tetrahedra", 8, 10},
+        {"Prisms", 9, 13},       {"Hexahedra", 10, 12}, {"Pyramids", 49, 14},     {"Pentahedra", -1, 13},
         {"TrianglesP2", 24, 22}, {"EdgesP2", 25, 21},   {"TetrahedraP2", 30, 24}};
     for (size_t i = 0; i < sizeof sections / sizeof sections[0]; i++)
         if (name.length ? sbi_word_is(name, sections[i].name) : sections[i].code == code)
@@ -73,9 +73,9 @@ static sb_result sbi_medit_count(sbi_medit *medit, const char *what, int numbers
 {
     int64_t value = 0;
     sb_result result = sbi_medit_integer(medit, what, &value);
-    return result ? result
-                  : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers,
-                                           count);
+    return result
+               ? result
+               : sbi_reader_check_count(medit->reader, what, value, (medit->binary ? 4u : 2u) * (size_t)numbers, count);
 }
 
 /* ---- sections ---- */
@@ -115,8 +115,7 @@ static sb_result sbi_medit_reference(sbi_medit *medit, int *region)
     if (!result && (reference < INT_MIN || reference > INT_MAX))
         return sbi_reader_fail(medit->reader, SB_ERROR_FORMAT, "reference %lld is too large", (long long)reference);
     *region = (int)reference;
-    return result ? result
-                  : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
+    return result ? result : sbi_loader_add_groups(medit->loader, region, *region != 0, &medit->loader->cell_groups);
 }
 
 static sb_result sbi_medit_cells(sbi_medit *medit, const sbi_medit_section *section)

@@ -8,8 +8,7 @@
 
 /* ==== reader ======================================================================================= */
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error)
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error)
 {
     memset(reader, 0, sizeof *reader);
     reader->data = (const char *)data;
@@ -118,7 +117,9 @@ SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader)
                  {"PK\x03\x04", "a zip archive: unpack it first"},
                  {"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it first"},
                  {"BZh", "packed by bzip2: unpack it first"},
-                 {"\xFD" "7zXZ", "packed by xz: unpack it first"},
+                 {"\xFD"
+                  "7zXZ",
+                  "packed by xz: unpack it first"},
                  {"version https://git", "a pointer of git LFS, not the file itself: fetch it with git lfs pull"},
                  {"<!DOCTYPE html", "a web page, not the file that it shows or links to"},
                  {"<html", "a web page, not the file that it shows or links to"},
@@ -197,8 +198,7 @@ SBI_API const char *sbi_word_print(sbi_word word, char buffer[32])
     return buffer;
 }
 
-static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word,
-                                      const char *why)
+static sb_result sbi_reader_fail_word(const sbi_reader *reader, const char *what, sbi_word word, const char *why)
 {
     char text[32];
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s: '%s' %s", what, sbi_word_print(word, text), why);
@@ -228,22 +228,20 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
         return SB_OK;
     if (parsed == 0)
         return sbi_reader_fail_word(reader, what, word, "is not a number");
-    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what,
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_NOT_FINITE, "%s: '%s' is not finite", what, sbi_word_print(word, text));
 }
 
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count)
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count)
 {
     if (value < 0)
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is negative: %lld", what, (long long)value);
     if (value > INT_MAX)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what,
-                               (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is larger than 2147483647: %lld", what, (long long)value);
     /* + 1: in a text the last blank may be missing */
     if (bytes && (uint64_t)value > ((uint64_t)sbi_reader_left(reader) + 1) / bytes)
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that",
-                               what, (long long)value);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "%s is %lld, but the file is too short for that", what,
+                               (long long)value);
     *count = (int)value;
     return SB_OK;
 }

@@ -38,8 +38,7 @@ typedef struct sbi_word {
     size_t length;
 } sbi_word;
 
-SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name,
-                             sb_error *error);
+SBI_API void sbi_reader_init(sbi_reader *reader, const void *data, size_t size, const char *name, sb_error *error);
 /* Fills the reader's error with file, line or byte offset, node and element; returns result. */
 SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, const char *format, ...)
 #if defined(__GNUC__)
@@ -47,12 +46,13 @@ SBI_API sb_result sbi_reader_fail(const sbi_reader *reader, sb_result result, co
 #endif
     ;
 
-/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take their
- * place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for these. */
+/* SB_ERROR_UNSUPPORTED with what the file is, when it begins as no mesh, cloud or image does but as files do that take
+ * their place: packed, a web page, a pointer of git LFS, UTF-16. A binary STL file may begin with anything: not for
+ * these. */
 SBI_API sb_result sbi_reader_check_kind(const sbi_reader *reader);
 
-/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know strings
- * by it; any other is an error with its line. */
+/* To be called where text begins that goes on to the end: forgives one NUL at the end, as programs write that know
+ * strings by it; any other is an error with its line. */
 SBI_API sb_result sbi_reader_check_text(sbi_reader *reader);
 
 SB_INLINE size_t sbi_reader_left(const sbi_reader *reader) { return reader->size - reader->at; }
@@ -77,14 +77,13 @@ SBI_API sb_result sbi_reader_real(sbi_reader *reader, const char *what, double *
 /* A number of things that take at least `bytes` bytes each of what is left of the file: more than fit is
  * an error, so that memory may be taken for them. bytes 0: unchecked. At most INT_MAX. */
 SBI_API sb_result sbi_reader_count(sbi_reader *reader, const char *what, size_t bytes, int *count);
-SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value,
-                                         size_t bytes, int *count);
+SBI_API sb_result sbi_reader_check_count(const sbi_reader *reader, const char *what, int64_t value, size_t bytes,
+                                         int *count);
 /* Steps over `count` words. */
 SBI_API sb_result sbi_reader_skip_words(sbi_reader *reader, size_t count, const char *what);
 
 /* The next `count` * `size` bytes, or NULL with an error when there are fewer. */
-SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size,
-                                              const char *what);
+SBI_API const unsigned char *sbi_reader_bytes(sbi_reader *reader, size_t count, size_t size, const char *what);
 /* Binary numbers in the reader's byte order. */
 SBI_API uint64_t sbi_decode_bits(const sbi_reader *reader, const unsigned char *bytes, int size);
 SBI_API int64_t sbi_decode_signed(const sbi_reader *reader, const unsigned char *bytes, int size);
@@ -225,7 +224,7 @@ typedef struct sbi_loader {
     size_t index_count, index_capacity;
     sbi_cell *cells; /* surface and volume cells of supported types; points and lines when keep_low */
     size_t cell_count, cell_capacity;
-    int points_only; /* PLY: faces are stepped over, normals of vertices wanted */
+    int points_only;  /* PLY: faces are stepped over, normals of vertices wanted */
     sb_vec3 *normals; /* [node_count] as they are in the file, or NULL */
     size_t normal_count, normal_capacity;
     int *scratch; /* nodes of the cell being read */
@@ -241,17 +240,17 @@ typedef struct sbi_loader {
     int diagonal_count, diagonal_nodes;        /* diagonal_nodes: how many of them are new */
     int pieces;                                /* VTU: parts of the file that were joined */
     /* groups and what becomes regions */
-    int keep_low;         /* points and lines are kept as well: sets are wanted */
-    int *groups;          /* lists of groups: their count, then their numbers; [0] is an empty one */
+    int keep_low; /* points and lines are kept as well: sets are wanted */
+    int *groups;  /* lists of groups: their count, then their numbers; [0] is an empty one */
     size_t group_count, group_capacity;
-    int cell_groups;      /* list of the cell being read, see sbi_cell */
+    int cell_groups; /* list of the cell being read, see sbi_cell */
     sbi_group_name *names;
     size_t name_count, name_capacity;
-    int region_rank;      /* of the field in source_regions, see sbi_region_field_rank; 0: none */
-    int region_cells;     /* cells of source_regions */
+    int region_rank;  /* of the field in source_regions, see sbi_region_field_rank; 0: none */
+    int region_cells; /* cells of source_regions */
     char region_field[SB_MESH_SET_NAME];
-    int ignored_count;    /* fields, sections and the like that were stepped over */
-    char ignored[120];    /* their names */
+    int ignored_count; /* fields, sections and the like that were stepped over */
+    char ignored[120]; /* their names */
 } sbi_loader;
 
 SBI_API void sbi_loader_init(sbi_loader *loader, const sb_load_options *options, sb_error *error);
@@ -259,8 +258,8 @@ SBI_API void sbi_loader_free(sbi_loader *loader);
 
 /* An array for at least `needed` items with the `used` first ones of `old`, which is freed; NULL without
  * memory (old stays). Grows geometrically. */
-SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity,
-                              size_t needed, size_t item);
+SBI_API void *sbi_loader_grow(const sbi_loader *loader, void *old, size_t used, size_t *capacity, size_t needed,
+                              size_t item);
 SBI_API sb_result sbi_loader_no_memory(const sbi_loader *loader);
 
 /* Takes memory for `count` more nodes, of which the caller knows that the file can hold them. */
@@ -355,8 +354,7 @@ typedef struct sbi_file {
     size_t size;
 } sbi_file;
 /* The whole file; content->data is to be freed, also after a failure. */
-SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content,
-                                sb_error *error);
+SBI_API sb_result sbi_file_read(const sb_allocator *allocator, const char *path, sbi_file *content, sb_error *error);
 /* Points the loader's reader to a file's content, behind the byte order mark that some programs put before
  * text. */
 SBI_API void sbi_loader_set_content(sbi_loader *loader, const char *data, size_t size, const char *name);

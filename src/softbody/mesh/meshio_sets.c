@@ -167,7 +167,8 @@ static sb_result sbi_sets_sort_nodes(const sbi_set_maker *maker, sb_mesh_set *se
 {
     const sb_allocator *allocator = &maker->loader->allocator;
     size_t count = (size_t)set->node_count;
-    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)), *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
+    int *order = (int *)sbi_alloc(allocator, count, sizeof(int)),
+        *scratch = (int *)sbi_alloc(allocator, count, sizeof(int));
     sb_result result = order && scratch ? SB_OK : sbi_loader_no_memory(maker->loader);
     if (!result) {
         for (int i = 0; i < set->node_count; i++)

@@ -26,13 +26,28 @@ static const sbi_split_shape *sbi_split_shape_of(sbi_cell_shape shape)
 {
     static const sbi_split_shape shapes[5] = {
         {0, 0, 0, 0, {{0}}, {{0}}},
-        {4, 6, 4, 0, {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
+        {4,
+         6,
+         4,
+         0,
+         {{0, 2, 1, -1}, {0, 1, 3, -1}, {1, 2, 3, -1}, {2, 0, 3, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}},
-        {5, 8, 5, 1, {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
+        {5,
+         8,
+         5,
+         1,
+         {{0, 3, 2, 1}, {0, 1, 4, -1}, {1, 2, 4, -1}, {2, 3, 4, -1}, {3, 0, 4, -1}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}},
-        {6, 9, 5, 3, {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
+        {6,
+         9,
+         5,
+         3,
+         {{0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}, {0, 2, 1, -1}, {3, 4, 5, -1}},
          {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}}},
-        {8, 12, 6, 6,
+        {8,
+         12,
+         6,
+         6,
          {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 3, 2, 1}, {4, 5, 6, 7}},
          {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}}};
     return &shapes[shape];
@@ -172,7 +187,8 @@ static sb_result sbi_split_add_diagonal(sbi_split *split, const sbi_cell_kind *a
 {
     const sbi_split_shape *shape = sbi_split_shape_of(about->shape);
     sbi_loader *loader = split->loader;
-    int face = sbi_split_face_of(shape, a, b), middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
+    int face = sbi_split_face_of(shape, a, b),
+        middle = shape->corners + shape->edges + (face < 0 ? shape->faces : face);
     sbi_split_diagonal *diagonal;
     if (split->diagonal_count >= split->diagonal_capacity) {
         void *grown = sbi_loader_grow(loader, split->diagonals, split->diagonal_count, &split->diagonal_capacity,

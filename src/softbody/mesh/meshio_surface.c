@@ -14,8 +14,7 @@ static sb_result sbi_surface_expect(sbi_reader *reader, const char *keyword)
     if (!sbi_reader_word(reader, &word))
         return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file ends where %s should be", keyword);
     if (!sbi_word_is(word, keyword))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text),
-                               keyword);
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of %s", sbi_word_print(word, text), keyword);
     return SB_OK;
 }
 
@@ -179,8 +178,7 @@ static sb_result sbi_stl_binary(sbi_loader *loader)
     count = sbi_stl_count(reader->data);
     reader->at = SBI_STL_HEADER;
     if (!sbi_stl_is_binary(reader->data, reader->size))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                               "the file says %llu facets, but has %llu bytes for them",
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "the file says %llu facets, but has %llu bytes for them",
                                (unsigned long long)count, (unsigned long long)sbi_reader_left(reader));
     if (count > INT_MAX / 3)
         return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "more than 2147483647 corners");
@@ -239,8 +237,8 @@ static sb_result sbi_stl_ascii(sbi_loader *loader)
             inside = !inside;
             sbi_reader_next_line(reader);
         } else {
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be",
-                                   sbi_word_print(word, text), inside ? "facet or endsolid" : "solid");
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where %s should be", sbi_word_print(word, text),
+                                   inside ? "facet or endsolid" : "solid");
         }
     }
     if (!result && inside)
@@ -329,7 +327,7 @@ SBI_API sb_result sbi_stl_read(sbi_loader *loader)
 
 typedef enum sbi_ply_role {
     SBI_PLY_OTHER = 0,
-    SBI_PLY_X = 1,      /* y and z follow */
+    SBI_PLY_X = 1,       /* y and z follow */
     SBI_PLY_CORNERS = 4, /* the list of a face */
     SBI_PLY_NX = 5       /* ny and nz follow */
 } sbi_ply_role;
@@ -394,8 +392,7 @@ static sb_result sbi_ply_read_type(sbi_ply *ply, const sbi_ply_type **type)
         return result;
     *type = sbi_ply_find_type(word);
     if (!*type)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' is not a PLY type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -409,8 +406,7 @@ static sb_result sbi_ply_add_element(sbi_ply *ply)
     if (!result)
         result = sbi_reader_integer(ply->reader, "the number of rows", &rows);
     if (!result && rows < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld",
-                               (long long)rows);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a negative number of rows: %lld", (long long)rows);
     if (result)
         return result;
     if (ply->element_count == ply->element_capacity) {
@@ -467,9 +463,8 @@ static sb_result sbi_ply_add_property(sbi_ply *ply)
         return result;
     property.role = sbi_ply_find_role(ply, &property, name);
     if (ply->property_count == ply->property_capacity) {
-        void *grown =
-            sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
-                            ply->property_count + 1, sizeof ply->properties[0]);
+        void *grown = sbi_loader_grow(ply->loader, ply->properties, ply->property_count, &ply->property_capacity,
+                                      ply->property_count + 1, sizeof ply->properties[0]);
         if (!grown)
             return sbi_loader_no_memory(ply->loader);
         ply->properties = (sbi_ply_property *)grown;
@@ -491,8 +486,7 @@ static sb_result sbi_ply_format(sbi_ply *ply, int *binary)
     ply->reader->big_endian = sbi_word_is(word, "binary_big_endian");
     *binary = !ply->ascii;
     if (*binary && !ply->reader->big_endian && !sbi_word_is(word, "binary_little_endian"))
-        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(ply->reader, SB_ERROR_UNSUPPORTED, "PLY format %s", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -515,8 +509,7 @@ static sb_result sbi_ply_header(sbi_ply *ply)
         else if (sbi_word_is(word, "property"))
             result = sbi_ply_add_property(ply);
         else if (!sbi_word_is(word, "comment") && !sbi_word_is(word, "obj_info"))
-            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header",
-                                   sbi_word_print(word, text));
+            return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "'%s' in the PLY header", sbi_word_print(word, text));
     }
     if (!result && binary < 0)
         return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "the PLY header does not state the format");
@@ -563,9 +556,8 @@ static sb_result sbi_ply_skip(sbi_ply *ply, const sbi_ply_property *property, in
                                (long long)count);
     if (ply->ascii)
         return sbi_reader_skip_words(ply->reader, (size_t)count, "a PLY row");
-    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row")
-               ? SB_OK
-               : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(ply->reader, (size_t)count, (size_t)property->type->size, "a PLY row") ? SB_OK
+                                                                                                   : SB_ERROR_FORMAT;
 }
 
 static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
@@ -573,8 +565,7 @@ static sb_result sbi_ply_list(sbi_ply *ply, const sbi_ply_property *property)
     int64_t count = 0, corner = 0;
     sb_result result = sbi_ply_integer(ply, property->count, "the length of a list", &count);
     if (!result && count < 0)
-        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld",
-                               (long long)count);
+        return sbi_reader_fail(ply->reader, SB_ERROR_FORMAT, "a list of negative length: %lld", (long long)count);
     if (result || property->role != SBI_PLY_CORNERS)
         return result ? result : sbi_ply_skip(ply, property, count);
     sbi_loader_begin_cell(ply->loader);
@@ -682,8 +673,7 @@ static sb_result sbi_off_keyword(sbi_reader *reader, int *extras)
     if (rest.length == 3 && memcmp(rest.text, "OFF", 3) == 0)
         return SB_OK;
     if (word.length > 3 && memcmp(word.text + word.length - 3, "OFF", 3) == 0)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED,
-                               "%s is not supported: OFF of three coordinates is",
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "%s is not supported: OFF of three coordinates is",
                                sbi_word_print(word, text));
     return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' instead of OFF", sbi_word_print(word, text));
 }
@@ -751,7 +741,6 @@ SBI_API sb_result sbi_off_read(sbi_loader *loader)
     for (int i = 0; i < counts[1] && !result; i++)
         result = sbi_off_face(loader);
     if (!result && sbi_reader_word(reader, &word))
-        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' behind the last face", sbi_word_print(word, text));
     return result;
 }

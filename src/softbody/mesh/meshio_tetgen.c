@@ -15,8 +15,7 @@ static sb_result sbi_tetgen_end_row(sbi_reader *reader)
     char text[32];
     if (!sbi_reader_line_word(reader, &word))
         return SB_OK;
-    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end",
-                           sbi_word_print(word, text));
+    return sbi_reader_fail(reader, SB_ERROR_FORMAT, "'%s' where the line should end", sbi_word_print(word, text));
 }
 
 static sb_result sbi_tetgen_end_file(sbi_reader *reader)
@@ -43,8 +42,7 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
     if (!result)
         result = sbi_reader_integer(reader, "dimension", &dimension);
     if (!result && dimension != 3)
-        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld",
-                               (long long)dimension);
+        return sbi_reader_fail(reader, SB_ERROR_UNSUPPORTED, "points of dimension %lld", (long long)dimension);
     if (!result)
         result = sbi_tetgen_optional(reader, "the number of attributes", &attributes);
     if (!result)
@@ -62,14 +60,12 @@ SBI_API sb_result sbi_tetgen_read_nodes(sbi_loader *loader, int64_t *base)
         if (i == 0)
             *base = number;
         if (!result && (number != *base + i || *base < 0 || *base > 1))
-            return sbi_reader_fail(reader, SB_ERROR_FORMAT,
-                                   "point number %lld: points are numbered from 0 or 1 on",
+            return sbi_reader_fail(reader, SB_ERROR_FORMAT, "point number %lld: points are numbered from 0 or 1 on",
                                    (long long)number);
         if (!result)
             result = sbi_loader_read_node(loader);
         if (!result)
-            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers,
-                                           "the attributes of a point");
+            result = sbi_reader_skip_words(reader, (size_t)attributes + (size_t)markers, "the attributes of a point");
         if (!result)
             result = sbi_tetgen_end_row(reader);
     }
@@ -145,8 +141,7 @@ static sb_result sbi_tetgen_element(sbi_loader *loader, int corners, int attribu
     if (!result)
         result = sbi_tetgen_end_row(reader);
     return result ? result
-                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME,
-                                        region);
+                  : sbi_loader_end_cell(loader, corners == 4 ? SBI_CELL_TET4 : SBI_CELL_TET10, SBI_ORDER_SAME, region);
 }
 
 /* Tetrahedra, nodes of each (4 or 10), attributes of each; then number, nodes, attributes. */

@@ -72,8 +72,7 @@ static sb_result sbi_vtk_read_type(sbi_vtk *vtk, const sbi_vtk_type **type)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the data type is missing");
     *type = sbi_vtk_find_type(word);
     if (!*type)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type",
-                               sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "'%s' is not a data type", sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -132,8 +131,7 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
 {
     if (type->class_ == 's') {
         if (vtk->binary)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                                   "text arrays in binary files are not supported");
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "text arrays in binary files are not supported");
         for (sbi_reader_next_line(vtk->reader); count > 0; count--) {
             if (!sbi_reader_left(vtk->reader))
                 return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file ends in a text array");
@@ -143,15 +141,12 @@ static sb_result sbi_vtk_skip_values(sbi_vtk *vtk, const sbi_vtk_type *type, int
     }
     sbi_vtk_start_data(vtk);
     if ((uint64_t)count > (uint64_t)sbi_reader_left(vtk->reader) * 8)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values",
-                               (long long)count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the file is too short for %lld values", (long long)count);
     if (!vtk->binary)
         return sbi_reader_skip_words(vtk->reader, (size_t)count, "a data array");
     if (type->class_ == 'b')
-        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK
-                                                                                         : SB_ERROR_FORMAT;
-    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK
-                                                                                            : SB_ERROR_FORMAT;
+        return sbi_reader_bytes(vtk->reader, (size_t)(count + 7) / 8, 1, "a data array") ? SB_OK : SB_ERROR_FORMAT;
+    return sbi_reader_bytes(vtk->reader, (size_t)count, (size_t)type->size, "a data array") ? SB_OK : SB_ERROR_FORMAT;
 }
 
 /* ---- geometry ---- */
@@ -172,8 +167,8 @@ static sb_result sbi_vtk_points(sbi_vtk *vtk)
     if (result)
         return result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed,
-                                    3 * sbi_vtk_value_bytes(vtk, type), &count);
+    result = sbi_reader_check_count(vtk->reader, "the number of points", claimed, 3 * sbi_vtk_value_bytes(vtk, type),
+                                    &count);
     if (!result)
         result = sbi_loader_reserve_nodes(vtk->loader, count);
     for (int i = 0; i < count && !result; i++) {
@@ -214,9 +209,8 @@ static sb_result sbi_vtk_node_index(sbi_vtk *vtk, const sbi_vtk_type *type, int 
     if (result)
         return result;
     if (value < 0 || value >= (int64_t)vtk->loader->node_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX,
-                               "cell %d refers to node %lld, but there are %llu nodes", vtk->reader->element,
-                               (long long)value, (unsigned long long)vtk->loader->node_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_INDEX, "cell %d refers to node %lld, but there are %llu nodes",
+                               vtk->reader->element, (long long)value, (unsigned long long)vtk->loader->node_count);
     *node = (int)value;
     return SB_OK;
 }
@@ -228,14 +222,13 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
     int cells = 0, size = 0, used = 0, left;
     sb_result result;
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells,
-                                    sbi_vtk_value_bytes(vtk, &type), &cells);
+    result = sbi_reader_check_count(vtk->reader, "the number of cells", claimed_cells, sbi_vtk_value_bytes(vtk, &type),
+                                    &cells);
     if (!result)
         result = sbi_reader_check_count(vtk->reader, "the size of the cell list", claimed_size,
                                         sbi_vtk_value_bytes(vtk, &type), &size);
     if (!result && size < cells)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells",
-                               size, cells);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of %d numbers cannot hold %d cells", size, cells);
     if (!result)
         result = sbi_vtk_take_list(vtk, cells, size - cells);
     left = size - cells;
@@ -253,8 +246,8 @@ static sb_result sbi_vtk_counted_list(sbi_vtk *vtk, int64_t claimed_cells, int64
             vtk->ends[i] = used;
     }
     if (!result && used != left)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the cells take %d numbers, but the list should have %d", cells + used, size);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the cells take %d numbers, but the list should have %d",
+                               cells + used, size);
     vtk->reader->element = -1;
     return result;
 }
@@ -285,8 +278,8 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         result = sbi_reader_check_count(vtk->reader, "the number of offsets", claimed_offsets,
                                         sbi_vtk_value_bytes(vtk, type), &offsets);
     if (!result)
-        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices,
-                                        vtk->binary ? 1 : 2, &indices);
+        result = sbi_reader_check_count(vtk->reader, "the number of node indices", claimed_indices, vtk->binary ? 1 : 2,
+                                        &indices);
     if (!result && offsets == 0)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "a list of cells without offsets");
     if (!result)
@@ -296,17 +289,16 @@ static sb_result sbi_vtk_offset_list(sbi_vtk *vtk, int64_t claimed_offsets, int6
         vtk->reader->element = vtk->loader->source_count + (i > 0 ? i - 1 : 0);
         result = sbi_vtk_integer(vtk, type, "offset", &offset);
         if (!result && (offset < last || offset > indices || (i == 0 && offset != 0)))
-            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                                   "offset %d is %lld, which is out of order or range", i, (long long)offset);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "offset %d is %lld, which is out of order or range", i,
+                                   (long long)offset);
         last = offset;
         if (i > 0 && !result)
             vtk->ends[i - 1] = (int)offset;
     }
     vtk->reader->element = -1;
     if (!result && last != indices)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT,
-                               "the last offset is %lld, but there are %d node indices", (long long)last,
-                               indices);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the last offset is %lld, but there are %d node indices",
+                               (long long)last, indices);
     if (!result)
         result = sbi_vtk_list_array(vtk, "CONNECTIVITY", &type);
     for (int i = 0, cell = 0; i < indices && !result; i++) {
@@ -357,8 +349,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
     if (!vtk->has_cells || vtk->has_types)
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "CELL_TYPES without CELLS before it");
     if (claimed != vtk->cell_count)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells",
-                               (long long)claimed, vtk->cell_count);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "%lld cell types for %d cells", (long long)claimed,
+                               vtk->cell_count);
     sbi_vtk_start_data(vtk);
     for (int i = 0; i < vtk->cell_count && !result; i++) {
         int64_t number = 0;
@@ -367,8 +359,8 @@ static sb_result sbi_vtk_cell_types(sbi_vtk *vtk)
         result = sbi_vtk_integer(vtk, &type, "cell type", &number);
         kind = sbi_cell_kind_of_vtk(number);
         if (!result && kind < 0)
-            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld",
-                                   i, (long long)number);
+            return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", i,
+                                   (long long)number);
         if (!result)
             result = sbi_vtk_commit_cell(vtk, i, kind);
     }
@@ -426,8 +418,8 @@ static sb_result sbi_vtk_read_regions(sbi_vtk *vtk, sbi_word name, const sbi_vtk
     return result;
 }
 
-/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more where
- * the file has shares of it. */
+/* The values of an array of a label image: the first one of one number per voxel are the labels. factor: 1, or more
+ * where the file has shares of it. */
 static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *type, int64_t components,
                                      int64_t tuples, double factor)
 {
@@ -438,7 +430,8 @@ static sb_result sbi_vtk_image_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_
     if (!usable || !name.length || tuples != vtk->data_count || loader->voxels->labels)
         return sbi_vtk_skip_values(vtk, type, components * tuples);
     sbi_vtk_start_data(vtk);
-    result = sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
+    result =
+        sbi_reader_check_count(vtk->reader, "the number of voxels", tuples, sbi_vtk_value_bytes(vtk, type), &count);
     if (!result)
         result = sbi_voxels_begin(loader, vtk->in_cell_data);
     for (int i = 0; i < count && !result; i++) {
@@ -457,8 +450,8 @@ static sb_result sbi_vtk_array(sbi_vtk *vtk, sbi_word name, const sbi_vtk_type *
     int of_cells = vtk->in_cell_data && vtk->data_count >= 0, is_number = type->class_ != 'b' && type->class_ != 's';
     int usable = is_number && components == 1 && tuples == vtk->loader->source_count;
     if (components < 0 || tuples < 0 || components > INT_MAX || tuples > INT_MAX)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values",
-                               (long long)tuples, (long long)components);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "an array of %lld times %lld values", (long long)tuples,
+                               (long long)components);
     if (vtk->image)
         return sbi_vtk_image_array(vtk, name, type, components, tuples, 1);
     if (of_cells && sbi_word_is(name, "region") && (components != 1 || tuples != vtk->loader->source_count))
@@ -520,8 +513,7 @@ static void sbi_vtk_skip_table_name(sbi_vtk *vtk)
     sbi_reader ahead = *vtk->reader;
     sbi_reader_next_line(&ahead);
     if (!vtk->binary)
-        sbi_reader_at_line_end(
-            &ahead); /* steps over blanks; binary data may begin with bytes that look like them */
+        sbi_reader_at_line_end(&ahead); /* steps over blanks; binary data may begin with bytes that look like them */
     word.text = ahead.data + ahead.at;
     word.length = sizeof keyword - 1;
     if (sbi_reader_left(&ahead) <= word.length || !sbi_word_is(word, keyword))
@@ -608,8 +600,8 @@ static sb_result sbi_vtk_data(sbi_vtk *vtk, int of_cells)
     }
     result = sbi_reader_integer(vtk->reader, "the number of values", &count);
     if (!result && count != expected)
-        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld",
-                               (long long)count, of_cells ? "cells" : "points", (long long)expected);
+        return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "data of %lld %s, but there are %lld", (long long)count,
+                               of_cells ? "cells" : "points", (long long)expected);
     vtk->in_cell_data = of_cells;
     vtk->data_count = (int)expected;
     return result;
@@ -717,8 +709,8 @@ static sb_result sbi_vtk_version(sbi_vtk *vtk)
     if (!sbi_reader_line_word(vtk->reader, &word))
         return sbi_reader_fail(vtk->reader, SB_ERROR_FORMAT, "the version number is missing");
     if (word.length < 3 || word.text[1] != '.' || word.text[0] < '2' || word.text[0] > '5')
-        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "VTK version %s is not supported: 2.0 to 5.1 are", sbi_word_print(word, text));
+        return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED, "VTK version %s is not supported: 2.0 to 5.1 are",
+                               sbi_word_print(word, text));
     return SB_OK;
 }
 
@@ -751,8 +743,7 @@ static sb_result sbi_vtk_header(sbi_vtk *vtk)
                                sbi_word_print(word, text));
     if (!vtk->image && !vtk->polydata && !sbi_word_is(word, "UNSTRUCTURED_GRID"))
         return sbi_reader_fail(vtk->reader, SB_ERROR_UNSUPPORTED,
-                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read",
-                               sbi_word_print(word, text));
+                               "data set %s: only UNSTRUCTURED_GRID and POLYDATA are read", sbi_word_print(word, text));
     vtk->reader->binary = vtk->reader->big_endian = vtk->binary;
     return vtk->binary ? SB_OK : sbi_reader_check_text(vtk->reader);
 }

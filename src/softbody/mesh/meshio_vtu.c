@@ -53,11 +53,11 @@ typedef struct sbi_vtu {
     sbi_loader *loader;
     sbi_xml xml;
     int polydata, header_size, big_endian;
-    int image;       /* ImageData, and the loader wants an image */
-    int extent[6];   /* of the image: first and last point along each axis */
-    int labels_in_cells; /* where the array lies that `regions` holds */
-    int compressed;      /* 1: by zlib, 2: by something else; ASCII arrays never are */
-    sbi_word compressor; /* its name */
+    int image;              /* ImageData, and the loader wants an image */
+    int extent[6];          /* of the image: first and last point along each axis */
+    int labels_in_cells;    /* where the array lies that `regions` holds */
+    int compressed;         /* 1: by zlib, 2: by something else; ASCII arrays never are */
+    sbi_word compressor;    /* its name */
     int has_file, has_grid; /* the tags VTKFile and of the data set were met */
     size_t appended;        /* first byte behind the "_"; 0: there is no appended data */
     sbi_vtu_format appended_format;
@@ -409,8 +409,8 @@ static sb_result sbi_vtu_read_cell(sbi_vtu *vtu, int list, sbi_vtu_list *read, i
         return sbi_reader_fail(&read->types.reader, SB_ERROR_UNSUPPORTED, "cell %d has the unknown VTK type %lld", cell,
                                (long long)type);
     if (end < read->offset)
-        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT, "the offset of cell %d is %lld, less than before",
-                               cell, (long long)end);
+        return sbi_reader_fail(&read->offsets.reader, SB_ERROR_FORMAT,
+                               "the offset of cell %d is %lld, less than before", cell, (long long)end);
     for (; read->offset < end && !result; read->offset++) {
         result = sbi_vtu_integer(&read->connectivity, "node index", &node);
         if (!result && (node < 0 || node >= vtu->point_count))
@@ -651,8 +651,8 @@ static sb_result sbi_vtu_read_image(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 {
-    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines", "NumberOfPolys",
-                                                      "NumberOfStrips"};
+    static const char *const counts[SBI_VTU_LISTS] = {"NumberOfCells", "NumberOfVerts", "NumberOfLines",
+                                                      "NumberOfPolys", "NumberOfStrips"};
     sb_result result;
     if (!vtu->has_grid || vtu->in_piece)
         return sbi_reader_fail(&vtu->loader->reader, SB_ERROR_FORMAT, "<Piece> where none should be");
@@ -674,8 +674,8 @@ static sb_result sbi_vtu_piece_tag(sbi_vtu *vtu)
 /* Type, components and place of the values. */
 static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
 {
-    static const char types[10][8] = {"Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64", "Float32",
-                                      "Float64"};
+    static const char types[10][8] = {"Int8",   "Int16",  "Int32",  "Int64",   "UInt8",
+                                      "UInt16", "UInt32", "UInt64", "Float32", "Float64"};
     sbi_reader *reader = &vtu->loader->reader;
     const char *end;
     sbi_word word;
@@ -697,7 +697,8 @@ static sb_result sbi_vtu_array_tag(sbi_vtu *vtu, sbi_vtu_array *array)
         return result;
     array->text = *reader;
     array->text.big_endian = vtu->big_endian;
-    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader)) : NULL;
+    end = reader->at < reader->size ? (const char *)memchr(reader->data + reader->at, '<', sbi_reader_left(reader))
+                                    : NULL;
     array->text.size = end ? (size_t)(end - reader->data) : reader->size;
     if (!sbi_xml_attribute(&vtu->xml, "format", &word) || sbi_word_is(word, "ascii"))
         return SB_OK;
@@ -771,8 +772,8 @@ static sb_result sbi_vtu_data_array(sbi_vtu *vtu)
 
 static sb_result sbi_vtu_start(sbi_vtu *vtu)
 {
-    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells", "Verts", "Lines", "Polys", "Strips", "Points",
-                                                         "PointData", "CellData"};
+    static const char sections[SBI_VTU_ELSEWHERE][10] = {"Cells",  "Verts",  "Lines",     "Polys",
+                                                         "Strips", "Points", "PointData", "CellData"};
     sbi_word name = vtu->xml.name;
     char text[32];
     if (!vtu->has_file && !sbi_word_equals(name, "VTKFile"))

@@ -11,41 +11,41 @@
 #include "sparse_live.h"
 
 typedef struct sbi_direct_piece {
-    int first, last;      /* columns */
-    int row_count;        /* nodes: own columns and those below */
-    int row_start;        /* into rows: own columns first */
+    int first, last; /* columns */
+    int row_count;   /* nodes: own columns and those below */
+    int row_start;   /* into rows: own columns first */
     int child_count;
-    size_t panel;         /* first entry of its columns of L, [3 row_count] entries each */
+    size_t panel; /* first entry of its columns of L, [3 row_count] entries each */
 } sbi_direct_piece;
 
 struct sb_direct {
     sb_allocator allocator;
-    void *memory;         /* the one block behind all arrays */
+    void *memory; /* the one block behind all arrays */
     int kind;
     int node_count, block_count, piece_count;
     unsigned pattern_version; /* see sbi_matrix_version */
-    int *position;        /* [node_count] column of a node */
-    int *node;            /* [node_count] node of a column */
+    int *position;            /* [node_count] column of a node */
+    int *node;                /* [node_count] node of a column */
     sbi_direct_piece *pieces;
-    int *rows;            /* columns' numbers, ascending in each piece */
-    int *place;           /* [node_count] of a column among the rows of the present piece */
+    int *rows;  /* columns' numbers, ascending in each piece */
+    int *place; /* [node_count] of a column among the rows of the present piece */
     sb_real *factor;
-    sb_real *squares;     /* the stack */
-    int *waiting;         /* [piece_count] scratch: pieces whose squares are on the stack */
-    sb_real *signs;       /* [3 node_count] of D, by column: 1 or -1 */
-    sb_real *sizes;       /* [3 node_count] largest entry of each row */
-    sb_real *pack;        /* scratch of the fronts' arithmetic */
-    sb_real *solution;    /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
-    sb_real *gathered;    /* [largest_front][SBI_FRONT_GROUP] */
+    sb_real *squares;  /* the stack */
+    int *waiting;      /* [piece_count] scratch: pieces whose squares are on the stack */
+    sb_real *signs;    /* [3 node_count] of D, by column: 1 or -1 */
+    sb_real *sizes;    /* [3 node_count] largest entry of each row */
+    sb_real *pack;     /* scratch of the fronts' arithmetic */
+    sb_real *solution; /* [3 node_count][SBI_FRONT_GROUP] of a solve, by column */
+    sb_real *gathered; /* [largest_front][SBI_FRONT_GROUP] */
     size_t factor_count, stack_count;
-    int ready;            /* 1: there is a factor */
+    int ready; /* 1: there is a factor */
     sb_direct_info info;
 };
 
 /* What the analysis needs for a while. */
 typedef struct sbi_direct_plan {
-    int *parent;          /* of a column in the elimination tree, or -1 */
-    int *count;           /* of rows of a column, its own included */
+    int *parent; /* of a column in the elimination tree, or -1 */
+    int *count;  /* of rows of a column, its own included */
     int *first_child, *next_sibling, *scratch;
     size_t row_total;
 } sbi_direct_plan;
@@ -365,9 +365,9 @@ static sb_result sbi_direct_analyse(sb_direct *d, const sb_matrix *pattern, cons
         sbi_direct_tree(d, pattern, &plan);
         sbi_direct_count(d, pattern, &plan);
         sbi_direct_join(d, &plan, zeros);
-        result = sbi_direct_measure(d, &plan) ? sbi_direct_settle(d, &plan, pattern, error)
-                                              : sbi_fail(error, SB_ERROR_MEMORY, "the factor of %d nodes is too large",
-                                                         d->node_count);
+        result = sbi_direct_measure(d, &plan)
+                     ? sbi_direct_settle(d, &plan, pattern, error)
+                     : sbi_fail(error, SB_ERROR_MEMORY, "the factor of %d nodes is too large", d->node_count);
     }
     sbi_free(&d->allocator, memory);
     return result;
@@ -477,9 +477,8 @@ static void sbi_direct_extend(sb_direct *d, const sbi_direct_piece *piece, sb_re
     for (int c = 0; c < below; c++) {
         int column = d->place[rows[c]];
         for (size_t j = 0; j < 3; j++, from += side) {
-            sb_real *to = column < width
-                              ? d->factor + piece->panel + (3 * (size_t)column + j) * height
-                              : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
+            sb_real *to = column < width ? d->factor + piece->panel + (3 * (size_t)column + j) * height
+                                         : square + (3 * (size_t)(column - width) + j) * rest - 3 * (size_t)width;
             for (int r = c; r < below; r++) {
                 sb_real *at = to + 3 * (size_t)d->place[rows[r]];
                 const sb_real *value = from + 3 * (size_t)r;
@@ -499,8 +498,10 @@ static sb_result sbi_direct_fail(const sb_matrix *a, int node, sb_error *error)
             for (int k = 0; k < 9; k++)
                 if (!sb_is_finite(a->blocks[q][k]))
                     return sbi_fail_node(error, SB_ERROR_NOT_FINITE, i, "row %d has an entry that is not finite", i);
-    return sbi_fail_node(error, SB_ERROR_INDEFINITE, node, "the matrix has no stable factor: the pivot of node %d is "
-                         "negative or lost in rounding", node);
+    return sbi_fail_node(error, SB_ERROR_INDEFINITE, node,
+                         "the matrix has no stable factor: the pivot of node %d is "
+                         "negative or lost in rounding",
+                         node);
 }
 
 /* One front: assembled, factored, and its square left on the stack in place of its children's. */

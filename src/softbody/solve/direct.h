@@ -20,15 +20,15 @@ typedef struct sb_direct_def {
 
 /* What a solver is and how its last update went. */
 typedef struct sb_direct_info {
-    int unknowns;             /* 3 row_count */
-    int fronts;               /* dense pieces that the factor is made of */
-    int largest_front;        /* rows of the largest */
-    double factor_entries;    /* of L, with the zeros that are stored */
-    double multiply_adds;     /* of an update; a solve takes 2 factor_entries */
-    size_t bytes;             /* memory held */
-    sb_real least_pivot;      /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
-                               * of the condition at best. 0 before the first */
-    int negative_pivots;      /* of the last update (LDL^T): how many eigenvalues are negative */
+    int unknowns;          /* 3 row_count */
+    int fronts;            /* dense pieces that the factor is made of */
+    int largest_front;     /* rows of the largest */
+    double factor_entries; /* of L, with the zeros that are stored */
+    double multiply_adds;  /* of an update; a solve takes 2 factor_entries */
+    size_t bytes;          /* memory held */
+    sb_real least_pivot;   /* of the last update: smallest |pivot| / largest |entry| of its row; about the inverse
+                            * of the condition at best. 0 before the first */
+    int negative_pivots;   /* of the last update (LDL^T): how many eigenvalues are negative */
 } sb_direct_info;
 
 /* The factor of matrices of one pattern. Multifrontal: nested dissection cuts the nodes by small separators; the

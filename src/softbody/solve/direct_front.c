@@ -5,9 +5,9 @@
 #include "direct_front.h"
 
 enum {
-    SBI_FRONT_TILE = 4,    /* columns of a tile */
-    SBI_FRONT_BLOCK = 32,  /* columns factored at once */
-    SBI_FRONT_CHUNK = 64   /* rows that a triangular solve takes at once */
+    SBI_FRONT_TILE = 4,   /* columns of a tile */
+    SBI_FRONT_BLOCK = 32, /* columns factored at once */
+    SBI_FRONT_CHUNK = 64  /* rows that a triangular solve takes at once */
 };
 
 /* ---- products ---- */
@@ -73,10 +73,10 @@ static void sbi_front_pack(const sb_real *from, size_t stride, int rows, int dep
 typedef struct sbi_front_product {
     sb_real *c;
     size_t c_stride;
-    const sb_real *rows;   /* first entry of the rows; A and B begin with the same one */
+    const sb_real *rows; /* first entry of the rows; A and B begin with the same one */
     size_t stride;
     int row_count, column_count, depth;
-    const sb_real *signs;  /* [depth] or NULL */
+    const sb_real *signs; /* [depth] or NULL */
     sb_real *pack;
 } sbi_front_product;
 
@@ -310,8 +310,8 @@ static void sbi_front_backward_group(const sb_real *l, size_t height, size_t row
     memset(sums, 0, sizeof sums);
     for (size_t r = 3; r < rows; r++)
         for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
-            sums[k] += l[(size_t)(k / SBI_FRONT_GROUP) * height + r] *
-                       x[r * SBI_FRONT_GROUP + (size_t)(k % SBI_FRONT_GROUP)];
+            sums[k] +=
+                l[(size_t)(k / SBI_FRONT_GROUP) * height + r] * x[r * SBI_FRONT_GROUP + (size_t)(k % SBI_FRONT_GROUP)];
     for (int k = 0; k < 3 * SBI_FRONT_GROUP; k++)
         x[k] -= sums[k];
 }

@@ -9,9 +9,9 @@
 #include "direct.h"
 
 enum {
-    SBI_ORDER_LEAF = 12,   /* nodes: smaller sets are not cut */
-    SBI_ORDER_LISTS = 3,   /* lists of a set's nodes, by x, y, z */
-    SBI_ORDER_DEPTH = 80   /* sets waiting to be cut: each cut leaves at most 4/5 on either side */
+    SBI_ORDER_LEAF = 12, /* nodes: smaller sets are not cut */
+    SBI_ORDER_LISTS = 3, /* lists of a set's nodes, by x, y, z */
+    SBI_ORDER_DEPTH = 80 /* sets waiting to be cut: each cut leaves at most 4/5 on either side */
 };
 
 typedef struct sbi_order_set {
@@ -20,14 +20,14 @@ typedef struct sbi_order_set {
 
 typedef struct sbi_order {
     const sb_matrix *pattern;
-    int list_count;        /* 3 with positions, else 1 */
+    int list_count;              /* 3 with positions, else 1 */
     int *lists[SBI_ORDER_LISTS]; /* [node_count] */
-    int *set;              /* [node_count] number of the set that holds the node; -1: it is in a separator */
-    int *side;             /* [node_count] 0, 1: half; 2: separator */
-    int *best;             /* [node_count] side in the best cut so far */
-    int *walk;             /* [node_count] a set in the order of the graph's distances */
-    int *mark;             /* [node_count] stamps of the walks and sweeps */
-    int *moved;            /* [node_count] scratch of the partition */
+    int *set;                    /* [node_count] number of the set that holds the node; -1: it is in a separator */
+    int *side;                   /* [node_count] 0, 1: half; 2: separator */
+    int *best;                   /* [node_count] side in the best cut so far */
+    int *walk;                   /* [node_count] a set in the order of the graph's distances */
+    int *mark;                   /* [node_count] stamps of the walks and sweeps */
+    int *moved;                  /* [node_count] scratch of the partition */
     int stamp;
 } sbi_order;
 
@@ -101,10 +101,7 @@ static void sbi_order_walk_set(sbi_order *o, sbi_order_set range)
 /* ---- cuts ---- */
 
 /* A separator of s between halves of a and b: small is good, and so is balance. */
-static double sbi_order_cost(int a, int b, int s)
-{
-    return ((double)s + 0.1) / ((double)a * (double)b);
-}
+static double sbi_order_cost(int a, int b, int s) { return ((double)s + 0.1) / ((double)a * (double)b); }
 
 /* Sweeps over the set in the order of `list` and leaves the best cut in side. */
 static double sbi_order_sweep(sbi_order *o, const int *list, int count)

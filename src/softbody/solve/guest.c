@@ -107,8 +107,8 @@ static void sbi_guest_gather(const sbi_guest_space *space, sbi_guest_work *work,
 }
 
 /* in = the guest's place: unknowns `own`, nodes x further than the base. */
-static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own, const sb_real *x,
-                                   const sb_real *held)
+static void sbi_guest_gather_place(const sbi_guest_space *space, sbi_guest_work *work, const double *own,
+                                   const sb_real *x, const sb_real *held)
 {
     sbi_guest_gather(space, work, own, x, held);
     for (size_t k = (size_t)work->guest->unknown_count; k < work->width; k++)
@@ -406,8 +406,8 @@ static void sbi_guest_clear_taken(const sbi_guest_space *space, sb_real *y)
             memset(y + 3 * (size_t)space->work[g].guest->nodes[k], 0, 3 * sizeof(sb_real));
 }
 
-/* The guests' rows of (A + G) z, z being 0 on taken nodes: of unknowns in out, of taken nodes in y, whose other rows are
- * scratch. */
+/* The guests' rows of (A + G) z, z being 0 on taken nodes: of unknowns in out, of taken nodes in y, whose other rows
+ * are scratch. */
 static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb_real *y)
 {
     for (int g = 0; g < space->count; g++)
@@ -427,12 +427,12 @@ static void sbi_guest_multiply_rows(sbi_guest_space *space, const sb_real *z, sb
 
 /* With D the guests' own blocks, B the preconditioner on all other rows and T = A + G:
  *     M^-1 = D^-1 + (I - D^-1 T) B (I - T D^-1)
- * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays in
- * what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with a
- * coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on nodes
- * of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
-SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                    double size)
+ * which is symmetric and positive definite whatever D and B are, as long as each is. Where D is exact the search stays
+ * in what the blocks leave. Measured with a rod a million times stiffer than the tissue, 2,783 nodes to 1e-4, IC0 with
+ * a coarse space, B made with taken nodes held: 13 or 14 iterations for 18 without the rod; with D^-1 + B alone 12 on
+ * nodes of the mesh, but 21 through weights; with B made of A as it is 35 to 38, and 35 to 51. */
+SBI_API void sbi_guest_precondition(sbi_guest_space *space, sb_preconditioner *preconditioner, const sb_real *r,
+                                    sb_real *z, double size)
 {
     memcpy(space->rest, r, 3 * (size_t)space->matrix->row_count * sizeof(sb_real));
     sbi_guest_subtract_block(space, z, space->rest, 1);

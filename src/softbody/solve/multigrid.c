@@ -308,7 +308,8 @@ static void sbi_mg_find_twins(const sbi_mg_planner *planner, const sbi_mg_level 
 static int sbi_mg_plan_sums(sbi_multigrid *m, const sbi_mg_planner *planner, sbi_mg_level *fine,
                             const sbi_mg_level *coarse)
 {
-    size_t blocks = (size_t)coarse->block_count, *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
+    size_t blocks = (size_t)coarse->block_count,
+           *start = (size_t *)sbi_owned_take(&m->owned, blocks + 2, sizeof(size_t)), total;
     fine->twins = sbi_owned_take_ints(&m->owned, blocks);
     if (!start || !fine->twins)
         return 0;
@@ -408,8 +409,8 @@ static int sbi_mg_copy_level(const sb_multigrid_level *own, const sb_allocator *
     }
     rows->start[0] = 0;
     for (int i = 0; i < mapping->row_count; i++)
-        rows->start[i + 1] = rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i],
-                                                              rows->weights + rows->start[i]);
+        rows->start[i + 1] =
+            rows->start[i] + sbi_mg_copy_row(mapping, i, rows->nodes + rows->start[i], rows->weights + rows->start[i]);
     memcpy(rows->positions, own->positions, (size_t)own->node_count * sizeof(sb_vec3));
     return 1;
 }
@@ -450,8 +451,8 @@ static int sbi_mg_make_regions(sbi_multigrid *m, const sbi_multigrid_setup *setu
         made = sbi_mg_copy_regions(&setup->like->regions, &m->owned.allocator, &m->regions);
     else if (!setup->like && setup->moduli && setup->level_count == 0)
         made = sbi_mg_find_regions(pattern, setup->moduli, setup->positions, &m->owned.allocator, &m->regions);
-    m->owned.bytes += (size_t)m->regions.row_count * sizeof(int) +
-                (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
+    m->owned.bytes +=
+        (size_t)m->regions.row_count * sizeof(int) + (size_t)m->regions.count * (sizeof(sb_real) + sizeof(int));
     return made;
 }
 
@@ -467,8 +468,8 @@ static int sbi_mg_lay_lattice(const sbi_multigrid *m, const sb_vec3 *positions, 
     nodes.regions = &m->regions;
     nodes.labels = labels;
     if (labels) {
-        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION, &m->owned.allocator,
-                                    labels) &&
+        made = sbi_mg_limit_regions(level, &m->regions, SBI_MG_REGIONS + count / SBI_MG_ROWS_OF_REGION,
+                                    &m->owned.allocator, labels) &&
                sbi_mg_lattice(&nodes, SBI_MG_RATIO, SBI_MG_THIN_RATIO, &m->owned.allocator, rows);
         if (!made || rows->coarse_count <= count - count / 8)
             return made;
@@ -550,7 +551,8 @@ static sb_result sbi_mg_coarsen(sbi_multigrid *m, const sbi_multigrid_setup *set
     return result;
 }
 
-/* 1 when all children of each node of the next level are of one part; turns the parts of rows into those of its nodes. */
+/* 1 when all children of each node of the next level are of one part; turns the parts of rows into those of its
+ * nodes. */
 static int sbi_mg_lower_parts(const sbi_mg_level *level, int coarse_count, int *part_of, int *next)
 {
     for (int a = 0; a < coarse_count; a++) {

@@ -2,8 +2,8 @@
  * multigrid.
  *
  * Compilers find none of these vectors by themselves. All forms give the same bits for finite matrices: sums of rows
- * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block is
- * multiplied by the fourth float of a node, which is 0. */
+ * have one sum for each place of the blocks, so that none waits for another, and what a vector holds beside its block
+ * is multiplied by the fourth float of a node, which is 0. */
 #ifndef SB_MULTIGRID_BLOCK_H
 #define SB_MULTIGRID_BLOCK_H
 
@@ -13,7 +13,7 @@
 #include <string.h>
 
 #if !defined(__GNUC__) || defined(SB_NO_VECTORS)
-#define SBI_MG_WIDTH 0   /* plain code */
+#define SBI_MG_WIDTH 0 /* plain code */
 #elif defined(__AVX512F__)
 #define SBI_MG_WIDTH 512 /* bits of vectors; those of fewer are used where they do better */
 #elif defined(__AVX2__)
@@ -41,8 +41,7 @@ typedef float sbi_mg_four __attribute__((vector_size(16), aligned(4), may_alias)
 typedef float sbi_mg_eight __attribute__((vector_size(32), aligned(4), may_alias));
 #define SBI_MG_EIGHT_AT(pointer) (*(const sbi_mg_eight *)(const void *)(pointer))
 #define SBI_MG_PUT_EIGHT(pointer, value) (*(sbi_mg_eight *)(void *)(pointer) = (value))
-#define SBI_MG_TURN(v) \
-    ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
+#define SBI_MG_TURN(v) ((sbi_mg_eight)_mm256_permutevar8x32_ps((__m256)(v), _mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1)))
 #endif
 
 /* to += factor from, nine floats. */

@@ -1,8 +1,8 @@
 /* multigrid_coarsest: the coarsest level, solved by elimination. Floor 1.
  *
- * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes cannot
- * tell the regions' motions apart well enough, however often it is visited: then levels end at one of some hundred nodes,
- * with a sparse factor. */
+ * Where no moduli jump it is as small as levels get, and a dense factor does. Where they do, a level of few nodes
+ * cannot tell the regions' motions apart well enough, however often it is visited: then levels end at one of some
+ * hundred nodes, with a sparse factor. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -47,8 +47,8 @@ SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, cons
         sb_direct_create(NULL, matrix, &m->owned.allocator, direct, NULL) != SB_OK)
         return 0;
     m->owned.bytes += (size_t)matrix->block_count * (9 * sizeof(sb_real) + 2 * sizeof(int)) +
-                sb_direct_get_info(*direct).bytes +
-                (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
+                      sb_direct_get_info(*direct).bytes +
+                      (size_t)row_count * (2 * sizeof(int) + 1); /* row_start, diagonal, fixed */
     return 1;
 }
 

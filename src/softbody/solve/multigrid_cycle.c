@@ -10,17 +10,17 @@
 /* What the tasks of one level see. */
 typedef struct sbi_mg_work {
     sbi_multigrid *m;
-    sbi_mg_level *level;      /* whose rows the tasks are, */
-    sbi_mg_level *finer;      /* and the one above it or NULL */
-    const sb_matrix *matrix;  /* of level 0, in updates */
+    sbi_mg_level *level;     /* whose rows the tasks are, */
+    sbi_mg_level *finer;     /* and the one above it or NULL */
+    const sb_matrix *matrix; /* of level 0, in updates */
     double scale;
     const sb_real *in;
     sb_real *out;
     sb_real factor;
-    float keep, add;          /* of a Chebyshev step: d' = keep d + add D^-1 r */
-    int first_after;          /* 1: the step after a coarser level's, whose motion is in e */
-    int last;                 /* 1: only the residual is wanted */
-    float alpha, beta;        /* of the estimate of the bound */
+    float keep, add;   /* of a Chebyshev step: d' = keep d + add D^-1 r */
+    int first_after;   /* 1: the step after a coarser level's, whose motion is in e */
+    int last;          /* 1: only the residual is wanted */
+    float alpha, beta; /* of the estimate of the bound */
 } sbi_mg_work;
 
 static int sbi_mg_end(const sbi_mg_level *level, int task)
@@ -147,16 +147,16 @@ SBI_FORCE_INLINE void sbi_mg_mix(sbi_mg_mixer *mixer, int j, const float *block)
     mixer->slot = slot;
 }
 
-/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where there is a rest,
- * in 16 without. */
+/* Block q of level 0, `from` in the matrix and `block` in floats, times `own` and `other`: in 32 bits an entry where
+ * there is a rest, in 16 without. */
 SBI_FORCE_INLINE void sbi_mg_pack_finest(const sbi_mg_work *work, size_t q, const sb_real *from, const float *block,
                                          float own, float other, int *bad)
 {
     const sbi_mg_level *level = work->level;
 #if !SB_REAL_IS_FLOAT
     if (level->rest) {
-        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD),
-                          level->packed + 9 * q, level->rest + 9 * q, bad);
+        sbi_mg_pack_words(from, (double)own * (double)other * (work->scale * SBI_MG_WORD), level->packed + 9 * q,
+                          level->rest + 9 * q, bad);
         return;
     }
 #endif
@@ -589,7 +589,8 @@ static void sbi_mg_begin_task(void *user, int task)
         float *r = level->r + 4 * (size_t)i, *d = level->d + 4 * (size_t)i, *x = level->x + 4 * (size_t)i;
         const sb_real *in = work->in + 3 * (size_t)i;
         sbi_float4 left = sbi_f4_make((float)(in[0] * work->factor), (float)(in[1] * work->factor),
-                                       (float)(in[2] * work->factor)), step;
+                                      (float)(in[2] * work->factor)),
+                   step;
         left = sbi_f4_scale(level->scale[4 * (size_t)i + 3], left);
         if (work->m->islands.ready)
             left = sbi_mg_left_by_islands(work, i, left);
@@ -650,7 +651,8 @@ static void sbi_mg_prolong_task(void *user, int task)
             float share = scales ? level->shares[p] * scales[a + 3] : level->shares[p];
             sum = sbi_f4_add(sum, sbi_f4_scale(share, sbi_f4_load(x + a)));
         }
-        sbi_f4_store(level->e + 4 * (size_t)i, level->scale ? sbi_f4_mul(sum, sbi_f4_load(level->scale + 4 * (size_t)i)) : sum);
+        sbi_f4_store(level->e + 4 * (size_t)i,
+                     level->scale ? sbi_f4_mul(sum, sbi_f4_load(level->scale + 4 * (size_t)i)) : sum);
     }
 }
 
@@ -670,8 +672,8 @@ static void sbi_mg_step_task(void *user, int task)
         if (work->last)
             continue;
         own = sbi_f4_load(from + 4 * (size_t)i);
-        next = sbi_f4_add(sbi_f4_scale(keep, own),
-                           sbi_f4_scale(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
+        next =
+            sbi_f4_add(sbi_f4_scale(keep, own), sbi_f4_scale(add, sbi_mg_relax(level->inverse + 12 * (size_t)i, left)));
         sbi_f4_store(to + 4 * (size_t)i, next);
         sbi_f4_store(x, sbi_f4_add(sbi_f4_load(x), first_after ? sbi_f4_add(own, next) : next));
     }
@@ -683,9 +685,9 @@ static int sbi_mg_degree(const sbi_mg_work *work) { return work->level->degree +
  * fourth kind (Lottes 2022) need no lower end, but take a tenth to a fifth more iterations; a tenth and a thirtieth are
  * worse than a twentieth. Eigenvalues do not grow up to 5 % beyond the bound, or 2.5 % with a fortieth.
  *
- * Near nu 0.5, rough motions that keep the volume cost little beside the others, and coarse levels do not see them. There
- * the polynomial goes down to a fortieth, with one step more: 11 and 29 iterations to 1e-2 and 1e-6 in place of 14 and 35
- * (nu 0.49, tet10), in the same time. Neither does much without the other. */
+ * Near nu 0.5, rough motions that keep the volume cost little beside the others, and coarse levels do not see them.
+ * There the polynomial goes down to a fortieth, with one step more: 11 and 29 iterations to 1e-2 and 1e-6 in place of
+ * 14 and 35 (nu 0.49, tet10), in the same time. Neither does much without the other. */
 static void sbi_mg_set_step(sbi_mg_work *work, int step)
 {
     const double low = work->m->wide ? 1.0 / 40 : 1.0 / 20, twice_sigma = 2 * (1 + low) / (1 - low);

@@ -287,13 +287,13 @@ typedef struct sbi_lattice_maker {
     int lattice_count;
     sbi_lattice_table table;
     int point_count;
-    int64_t *points;   /* [point_count] */
-    int *list_start;   /* [point_count + 1] into list: the entries of the rows by point */
+    int64_t *points; /* [point_count] */
+    int *list_start; /* [point_count + 1] into list: the entries of the rows by point */
     int *list;
-    int *owner;        /* [entries] row of each entry */
-    int *number;       /* [entries] coarse node of each entry, -1: not yet */
-    int *entry_of;     /* [rows] entry of a row in the list at work */
-    int *queue;        /* [rows] */
+    int *owner;    /* [entries] row of each entry */
+    int *number;   /* [entries] coarse node of each entry, -1: not yet */
+    int *entry_of; /* [rows] entry of a row in the list at work */
+    int *queue;    /* [rows] */
 } sbi_lattice_maker;
 
 /* 1: nothing but itself is coupled to the node; it needs no coarse level. */
@@ -436,8 +436,7 @@ SBI_API void sbi_mg_rows_free(const sb_allocator *allocator, sbi_mg_rows *rows)
     memset(rows, 0, sizeof *rows);
 }
 
-static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator,
-                                    sbi_lattice_measure **measures)
+static int sbi_lattice_take_scratch(sbi_lattice_maker *m, const sb_allocator *allocator, sbi_lattice_measure **measures)
 {
     size_t places = 64, lattices;
     m->lattice_count = m->nodes->labels ? m->nodes->regions->count : 1;

@@ -13,24 +13,26 @@
 
 enum {
     SBI_MG_MAX_LEVELS = 16,
-    SBI_MG_ROWS = 64,         /* rows of a task: fixed, so that sums do not depend on threads */
-    SBI_MG_THREADED = 256,    /* levels with fewer rows are not worth waking a thread for */
-    SBI_MG_DENSE = 64,        /* nodes that a level need not be coarsened for, */
-    SBI_MG_SPARSE = 500,      /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
-                               * 300. Half as many where the factor is dear: */
-    SBI_MG_DEAR = 256,        /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
-                               * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now 5.4; */
+    SBI_MG_ROWS = 64,      /* rows of a task: fixed, so that sums do not depend on threads */
+    SBI_MG_THREADED = 256, /* levels with fewer rows are not worth waking a thread for */
+    SBI_MG_DENSE = 64,     /* nodes that a level need not be coarsened for, */
+    SBI_MG_SPARSE = 500,   /* and where moduli jump: 3 % of specks in 106,329 unknowns take 9 iterations so, 12 with
+                            * 300. Half as many where the factor is dear: */
+    SBI_MG_DEAR = 256,     /* it takes more multiply-adds than these times the blocks of the matrix. With a ball in
+                            * an organ of 5,661 nodes of tet10 it took 2,400 times as many, an update 38 ms, now
+                            * 5.4; */
     SBI_MG_DEAR_BLOCKS = 150000, /* smaller matrices count as one of so many blocks */
-    SBI_MG_PACKED = 100000,   /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
-                               * be 3 % faster so, but cut cells and plates at rest want their digits */
-    SBI_MG_ISLANDS = 16,      /* groups of islands at most: so many tasks */
-    SBI_MG_LANCZOS = 5,       /* steps of the estimate of the largest eigenvalue, */
-    SBI_MG_LANCZOS_MOST = 12, /* and on coarser levels of regions */
-    SBI_MG_REACH_AGE = 16,    /* updates that make do with one */
-    SBI_MG_AHEAD = 4096,      /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
-                               * caches do not mind */
-    SBI_MG_ROWS_AHEAD = 16,   /* diagonal blocks asked for before they are read, */
-    SBI_MG_BLOCKS_AHEAD = 128 /* and blocks of a list: coarse sums take 0.4 of the time so, with 32 0.7, with 256 0.35 */
+    SBI_MG_PACKED = 100000,      /* blocks of a coarser level from which it, too, is kept in 16 bits: smaller ones would
+                                  * be 3 % faster so, but cut cells and plates at rest want their digits */
+    SBI_MG_ISLANDS = 16,         /* groups of islands at most: so many tasks */
+    SBI_MG_LANCZOS = 5,          /* steps of the estimate of the largest eigenvalue, */
+    SBI_MG_LANCZOS_MOST = 12,    /* and on coarser levels of regions */
+    SBI_MG_REACH_AGE = 16,       /* updates that make do with one */
+    SBI_MG_AHEAD = 4096,    /* bytes of blocks asked for before they are read: as many as memory needs, which nearer
+                             * caches do not mind */
+    SBI_MG_ROWS_AHEAD = 16, /* diagonal blocks asked for before they are read, */
+    SBI_MG_BLOCKS_AHEAD =
+        128 /* and blocks of a list: coarse sums take 0.4 of the time so, with 32 0.7, with 256 0.35 */
 };
 
 /* One level. Blocks are 3x3, row-major; vectors have four floats a node, the fourth 0. All arrays that are read as
@@ -67,16 +69,16 @@ typedef struct sbi_mg_level {
     float *shares;               /* weights of the parents */
     int *child_start, *children; /* the same from the coarser level's side: [its rows + 1] */
     float *child_shares;
-    int *mixed_start;         /* [row_count + 1] into mixed: blocks of A P, row by row */
-    int *slots;               /* for each block of A and each parent of its column: where A P takes it in its row */
-    int *slot_start;          /* [row_count + 1] */
-    float *mixed;             /* [mixed_count][9] */
+    int *mixed_start; /* [row_count + 1] into mixed: blocks of A P, row by row */
+    int *slots;       /* for each block of A and each parent of its column: where A P takes it in its row */
+    int *slot_start;  /* [row_count + 1] */
+    float *mixed;     /* [mixed_count][9] */
     /* Block q of P^T (A P) on and above the diagonal is the sum of shares times blocks of A P, sum_start[q] and on; one
      * below it is the transpose of block twins[q]. */
-    size_t *sum_start;        /* [coarser blocks + 1] */
-    int *sum_blocks;          /* with SBI_MG_BLOCKS_AHEAD more, 0 */
+    size_t *sum_start; /* [coarser blocks + 1] */
+    int *sum_blocks;   /* with SBI_MG_BLOCKS_AHEAD more, 0 */
     float *sum_shares;
-    int *twins;               /* [coarser blocks] */
+    int *twins; /* [coarser blocks] */
 } sbi_mg_level;
 
 /* Parts of a body that are stiff in one piece, where moduli jump. Coarse nodes that span a jump cannot follow the stiff
@@ -103,8 +105,8 @@ typedef struct sbi_mg_island_group {
 enum { SBI_MG_SEA = 0, SBI_MG_SHORE = 1, SBI_MG_ISLAND = 2 }; /* a node of no island; next to one; of one */
 
 typedef struct sbi_mg_islands {
-    int count;           /* of groups; 0: there are no islands, and no arrays */
-    int ready;           /* 1: all have a factor of the last update; 0: the cycle does without */
+    int count; /* of groups; 0: there are no islands, and no arrays */
+    int ready; /* 1: all have a factor of the last update; 0: the cycle does without */
     sbi_mg_island_group groups[SBI_MG_ISLANDS];
     int *rows;           /* of all groups, one after the other, */
     sb_real *exact;      /* and their solutions */
@@ -116,25 +118,25 @@ struct sbi_multigrid {
     sb_jobs jobs;
     int level_count;
     sbi_mg_level levels[SBI_MG_MAX_LEVELS];
-    sbi_mg_regions regions;   /* where the moduli jump, for whoever makes levels like these */
+    sbi_mg_regions regions; /* where the moduli jump, for whoever makes levels like these */
     sbi_mg_islands islands;
-    int small;                /* nodes that the coarsest level may have */
-    int couples_parts;        /* see sbi_multigrid_couples_parts */
-    int wide;                 /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
-    int softened;             /* how often the bounds were doubled since the last update */
-    sbi_mg_reach reach;       /* of level 0 */
+    int small;          /* nodes that the coarsest level may have */
+    int couples_parts;  /* see sbi_multigrid_couples_parts */
+    int wide;           /* 1: nearly incompressible: eigenvalues that smoothers have to damp lie far apart */
+    int softened;       /* how often the bounds were doubled since the last update */
+    sbi_mg_reach reach; /* of level 0 */
     /* the coarsest level of n unknowns: a dense factor, a sparse one, or none */
     int factored;             /* 1: there is one of the last update; 0: the level is smoothed only */
     double *factor;           /* [n][n] */
     double *pivot, *solution; /* [n] */
     sb_direct *direct;
-    sb_matrix coarsest;       /* what it factors */
-    sb_real *exact;           /* [n] */
-    double *spread;           /* [rows of level 0][4] S x of the x to multiply by; NULL where there is no rest */
-    double matrix_scale;      /* of the last update */
-    double deviation;         /* see sbi_multigrid_deviation */
-    int longest_row;          /* of level 0 */
-    sbi_owned owned;          /* its arrays; bytes: of everything */
+    sb_matrix coarsest;  /* what it factors */
+    sb_real *exact;      /* [n] */
+    double *spread;      /* [rows of level 0][4] S x of the x to multiply by; NULL where there is no rest */
+    double matrix_scale; /* of the last update */
+    double deviation;    /* see sbi_multigrid_deviation */
+    int longest_row;     /* of level 0 */
+    sbi_owned owned;     /* its arrays; bytes: of everything */
 };
 
 /* ---- multigrid_coarsest ---- */
@@ -144,8 +146,8 @@ struct sbi_multigrid {
 SBI_API int sbi_mg_take_direct(sbi_multigrid *m, const sbi_mg_level *level, const int *rows, int row_count,
                                const int *place, sb_matrix *matrix, sb_direct **direct);
 
-/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a smaller
- * level is wanted. 0: no memory. */
+/* Where moduli jump: takes the last level's factor, if that is small; *dear: 1 when it would cost too much, and a
+ * smaller level is wanted. 0: no memory. */
 SBI_API int sbi_mg_weigh_coarsest(sbi_multigrid *m, int *dear);
 /* What the coarsest level is solved with, unless it is too large for that; 0: no memory. */
 SBI_API int sbi_mg_take_coarsest(sbi_multigrid *m);
@@ -181,11 +183,11 @@ SBI_API int sbi_mg_limit_regions(const sbi_mg_level *level, const sbi_mg_regions
 /* Interpolation rows in the making, with arrays of their own. */
 typedef struct sbi_mg_rows {
     int coarse_count;
-    int *start;               /* [rows + 1] */
+    int *start; /* [rows + 1] */
     int *nodes;
     float *weights;
-    sb_vec3 *positions;       /* [coarse_count] */
-    int *labels;              /* [coarse_count] region of each, or NULL */
+    sb_vec3 *positions; /* [coarse_count] */
+    int *labels;        /* [coarse_count] region of each, or NULL */
 } sbi_mg_rows;
 
 /* What a lattice is laid over. */

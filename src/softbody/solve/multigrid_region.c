@@ -18,12 +18,12 @@ typedef struct sbi_region_maker {
     const sb_matrix *pattern;
     const sb_real *moduli;
     const sb_vec3 *positions;
-    sb_real *most;   /* [rows] largest modulus of a node's couplings (Pa) */
-    int *region;     /* [rows] -1: none yet */
-    int *queue;      /* [rows] nodes of the piece at work */
-    int *member;     /* [rows] number of the last piece with the node, */
-    int *touched;    /* [rows] and of the last one that has a neighbour of it, */
-    int *holders;    /* [rows][2] its first two neighbours there; the second may be -1 */
+    sb_real *most; /* [rows] largest modulus of a node's couplings (Pa) */
+    int *region;   /* [rows] -1: none yet */
+    int *queue;    /* [rows] nodes of the piece at work */
+    int *member;   /* [rows] number of the last piece with the node, */
+    int *touched;  /* [rows] and of the last one that has a neighbour of it, */
+    int *holders;  /* [rows][2] its first two neighbours there; the second may be -1 */
     int piece, region_count;
 } sbi_region_maker;
 

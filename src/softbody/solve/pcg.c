@@ -17,30 +17,30 @@ SB_API sb_pcg_options sb_default_pcg_options(void)
     return options;
 }
 
-/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest of
- * the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
+/* One connected part of the matrix, solved as if it were alone: its own step lengths, its own residual. What the rest
+ * of the rows needs does not matter to it: a crumb beside an organ is as good as a crumb alone. */
 typedef struct sbi_pcg_part {
-    double rhs_square;      /* |rhs|^2 of its rows, */
-    double target;          /* what |r|^2 has to come down to, */
-    double goal;            /* and in the present round */
-    double square;          /* |r|^2 */
-    double before;          /* the same when the round began, */
-    double recurred;        /* and by the recurrence when it ended */
-    double alpha, last_rz;  /* step along p, and r.z there */
-    double factor;          /* of the update at work */
-    double drift;           /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
+    double rhs_square;     /* |rhs|^2 of its rows, */
+    double target;         /* what |r|^2 has to come down to, */
+    double goal;           /* and in the present round */
+    double square;         /* |r|^2 */
+    double before;         /* the same when the round began, */
+    double recurred;       /* and by the recurrence when it ended */
+    double alpha, last_rz; /* step along p, and r.z there */
+    double factor;         /* of the update at work */
+    double drift;          /* largest |sum of r|^2 along an axis that nothing holds; < 0: not asked for */
     int first_chunk;
-    int head;               /* the first of the parts that guests join with this one: all of them are kept there as one */
-    int next;               /* the next of them, or -1 */
-    int loose;              /* axes on which none of its rows is prescribed */
-    unsigned char fresh;    /* 1: its iteration starts; 0: it goes on along p */
-    unsigned char done;     /* 1: nothing is to be done in this round */
-    unsigned char stuck;    /* 1: rounding stops its progress */
-    unsigned char faint;    /* 1: its rhs is nothing beside that of the others */
+    int head;            /* the first of the parts that guests join with this one: all of them are kept there as one */
+    int next;            /* the next of them, or -1 */
+    int loose;           /* axes on which none of its rows is prescribed */
+    unsigned char fresh; /* 1: its iteration starts; 0: it goes on along p */
+    unsigned char done;  /* 1: nothing is to be done in this round */
+    unsigned char stuck; /* 1: rounding stops its progress */
+    unsigned char faint; /* 1: its rhs is nothing beside that of the others */
 } sbi_pcg_part;
 
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error)
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
+                                         sb_error *error)
 {
     sb_pcg_workspace made;
     size_t entries, parts, chunks, bytes = 0;
@@ -89,11 +89,11 @@ typedef struct sbi_pcg_state {
     sbi_multigrid *compact; /* what multiplies in place of the matrix, or NULL */
     int current;            /* 1: it is known to be of this matrix */
     int part_count;
-    sbi_pcg_part *parts;    /* [part_count + 1] */
-    const int *part_rows;   /* rows by part; NULL: one part of all rows */
-    int whole[2];           /* where that one starts and ends */
-    const int *part_start;  /* [part_count + 1] */
-    double *partial;        /* [chunks][2] */
+    sbi_pcg_part *parts;     /* [part_count + 1] */
+    const int *part_rows;    /* rows by part; NULL: one part of all rows */
+    int whole[2];            /* where that one starts and ends */
+    const int *part_start;   /* [part_count + 1] */
+    double *partial;         /* [chunks][2] */
     sbi_guest_space *guests; /* NULL: none */
     const sb_jobs *jobs;
 } sbi_pcg_state;
@@ -101,7 +101,7 @@ typedef struct sbi_pcg_state {
 /* Rows of a task: at most SBI_ROW_CHUNK of one part. */
 typedef struct sbi_pcg_slice {
     const sbi_pcg_part *part; /* the head of its own */
-    const int *rows; /* NULL: first, first + 1, ... */
+    const int *rows;          /* NULL: first, first + 1, ... */
     int first, count;
 } sbi_pcg_slice;
 
@@ -533,8 +533,8 @@ static void sbi_pcg_precondition(sbi_pcg_state *s, sb_preconditioner *preconditi
         memcpy(s->z, s->r, 3 * (size_t)s->matrix->row_count * sizeof(sb_real));
 }
 
-/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old: with
- * r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
+/* Iterates until each part has reached its goal, in plain PCG with the flexible beta = (r_new - r).z_new / (r.z)_old:
+ * with r_new - r = -alpha q it costs one more sum and makes up for a preconditioner that rounding keeps from being
  * quite symmetric. */
 static sb_result sbi_pcg_iterate(sbi_pcg_state *s, sb_preconditioner *preconditioner, int max_iterations,
                                  sb_pcg_info *info)
@@ -624,8 +624,7 @@ static int sbi_pcg_is_sure(sbi_pcg_state *s)
     for (int g = 0; s->guests && g < s->guests->count; g++)
         s->guests->work[g].sums[0] = 0; /* its product is its own */
     for (const sbi_pcg_part *part = s->parts; part < s->parts + s->part_count; part++)
-        if (!part->stuck &&
-            !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
+        if (!part->stuck && !(sqrt(part->square) + deviation * sqrt(sbi_pcg_sum(s, part, 0)) <= sqrt(part->target)))
             return 0;
     return 1;
 }
@@ -720,7 +719,8 @@ static sb_result sbi_pcg_refine(sbi_pcg_state *s, sb_preconditioner *preconditio
 {
     double tolerance = options->tolerance;
     int verify = tolerance * tolerance * tolerance < (double)SB_EPSILON;
-    if (s->compact && s->current && sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
+    if (s->compact && s->current &&
+        sbi_pcg_all_meet(s)) /* a start as good as that: without the compact one's rounding */
         sbi_pcg_true_residual(s);
     for (int c = 0; c < s->part_count; c++)
         s->parts[c].before = s->parts[c].square;
@@ -802,8 +802,8 @@ static void sbi_pcg_set_drifts(sbi_pcg_state *s, double tolerance)
         }
         part->loose = SB_XYZ & ~held;
         if (part->loose)
-            part->drift = rows * (least > tolerance * tolerance * part->square ? least
-                                                                               : tolerance * tolerance * part->square);
+            part->drift =
+                rows * (least > tolerance * tolerance * part->square ? least : tolerance * tolerance * part->square);
     }
 }
 
@@ -854,8 +854,8 @@ static sb_result sbi_pcg_finish(const sbi_pcg_state *s, sb_result result, sb_pcg
 }
 
 static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                                   int current, sb_pcg_info *info)
+                                   sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, int current,
+                                   sb_pcg_info *info)
 {
     sb_pcg_options defaults = sb_default_pcg_options();
     sb_pcg_info report;
@@ -889,8 +889,7 @@ static sb_result sbi_pcg_run_solve(const sb_matrix *matrix, sb_preconditioner *p
 }
 
 SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
-                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
-                              sb_pcg_info *info)
+                              sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace, sb_pcg_info *info)
 {
     return sbi_pcg_run_solve(matrix, preconditioner, rhs, x, options, workspace, 0, info);
 }
@@ -969,10 +968,13 @@ SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_m
     return SB_OK;
 }
 
-SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
-                                             int nodes, sb_error *error)
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows,
+                                             int unknowns, int nodes, sb_error *error)
 {
-    enum { VECTORS = 4, ALIGNED = 64 }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
+    enum {
+        VECTORS = 4,
+        ALIGNED = 64
+    }; /* vectors of the rows that a guest solves; lists may begin later for alignment */
     const sbi_guest *list[1];
     sbi_pcg_guest_space measured;
     sbi_arena arena = {NULL, 0, 0};
@@ -1201,6 +1203,7 @@ SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditione
     sbi_pcg_set_targets(&state, options->tolerance, rhs_square);
     if (!idle)
         sbi_pcg_set_drifts(&state, options->tolerance);
-    result = sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
+    result =
+        sbi_pcg_is_finite(rhs_square) ? sbi_pcg_settle(&state, preconditioner, options, &report) : SB_ERROR_DIVERGED;
     return sbi_pcg_finish(&state, result, &report, info);
 }

@@ -37,8 +37,8 @@ SB_API sb_pcg_options sb_default_pcg_options(void);
 
 /* Takes the vectors for systems of row_count >= 1 nodes. SB_ERROR_ARGUMENT or SB_ERROR_MEMORY leave
  * *workspace untouched. Release with sb_pcg_workspace_free. allocator NULL: malloc. */
-SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator,
-                                         sb_pcg_workspace *workspace, sb_error *error);
+SB_API sb_result sb_pcg_workspace_create(int row_count, const sb_allocator *allocator, sb_pcg_workspace *workspace,
+                                         sb_error *error);
 SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
 
 /* Solves A x = rhs for a symmetric positive definite A.
@@ -57,10 +57,10 @@ SB_API void sb_pcg_workspace_free(sb_pcg_workspace *workspace);
  *   SB_ERROR_DIVERGED       a NaN or infinity, in the input or grown; x is the start again
  *   SB_ERROR_ARGUMENT       sizes that do not match, options out of range; x untouched
  * Parts that the pattern of A does not connect are solved as if each were alone, side by side: with step lengths of its
- * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside it.
- * Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1. With
- * levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the part
- * that needs most.
+ * own and to a residual relative to its own rhs, so that a crumb of 1e-9 of the forces is as good as the organ beside
+ * it. Parts whose rhs is below some 1e-31 of the whole are left alone, which is what single precision holds beside 1.
+ * With levels of one's own that couple parts (sb_preconditioner_def) all rows are one part. Iterations are those of the
+ * part that needs most.
  * Tolerances whose cube is below SB_EPSILON are near what the recurrence can hold: there the true residual is
  * computed at the end, and the iteration goes on from it if it has drifted. No x of sb_real can have a
  * smaller residual than about SB_EPSILON |A| |x|: in float builds that is 1e-4 |rhs| for a soft beam of 2,000
@@ -77,23 +77,23 @@ SB_API sb_result sb_pcg_solve(const sb_matrix *matrix, sb_preconditioner *precon
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits is
- * then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs no
- * look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of the
- * residual there must be no more than tolerance times that of the magnitudes at the start x. */
+/* The same for the step of a body, with a preconditioner that was updated with this very matrix. The product in 32 bits
+ * is then known to differ by no more than its rounding, and a residual that meets the tolerance with that added needs
+ * no look at the matrix. Parts without a prescribed component along an axis keep their momentum along it: the sum of
+ * the residual there must be no more than tolerance times that of the magnitudes at the start x. */
 SBI_API sb_result sbi_pcg_solve_current(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                         sb_real *x, const sb_pcg_options *options, sb_pcg_workspace *workspace,
                                         sb_pcg_info *info);
 
-/* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be called
- * whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT, SB_ERROR_INDEX
- * (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
+/* Takes what solves with these guests need beside the workspace, which keeps it for others that need no more; to be
+ * called whenever guests, their sizes or nodes, or the pattern of the matrix have changed. SB_ERROR_ARGUMENT,
+ * SB_ERROR_INDEX (error->node; see sbi_guests_check) and SB_ERROR_MEMORY leave the workspace as it was. */
 SBI_API sb_result sbi_pcg_reserve_guests(sb_pcg_workspace *workspace, const sb_matrix *matrix, const sbi_guests *guests,
                                          sb_error *error);
-/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix that
- * grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
-SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows, int unknowns,
-                                             int nodes, sb_error *error);
+/* Takes beforehand what solves usually need with one guest of so many unknowns that takes so many nodes, in a matrix
+ * that grows to so many rows. SB_ERROR_MEMORY leaves the workspace as it was. */
+SBI_API sb_result sbi_pcg_reserve_guest_room(sb_pcg_workspace *workspace, const sb_matrix *matrix, int rows,
+                                             int unknowns, int nodes, sb_error *error);
 /* What was reserved, for steps of several solves; NULL: nothing was. */
 SBI_API sbi_guest_space *sbi_pcg_guests(const sb_pcg_workspace *workspace);
 /* Makes the preconditioner of a matrix that is solved with guests: as sb_preconditioner_update, but with the nodes that
@@ -103,15 +103,15 @@ SBI_API sb_result sbi_pcg_update_preconditioner(sb_preconditioner *preconditione
                                                 const sb_vec3 *positions, const sbi_guests *guests,
                                                 sb_pcg_workspace *workspace, sb_error *error);
 /* Solves (A + G) x = b as sbi_pcg_solve_current does, with guests that space was reserved for and a preconditioner of
- * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread, one
- * after the other, so that bits do not depend on threads. Allocates nothing.
- * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when the
- * guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that loads on what is stiff in itself do not count; and their rows count by
- * the motion they stand for (sqrt of residual . block, in the mean node's units), so that units and stiffness do not.
- * After each solve every guest may settle: when one has changed its rows the iteration goes on from where it is, with a
- * tenth of the tolerance from the fourth solve on, since states that hang on little would turn over and back.
- * SB_ERROR_DIVERGED: unknowns of guests are those of the start, too. A matrix in 32 bits that multigrid has is not used
- * when nodes are taken, since it is without them. */
+ * sbi_pcg_update_preconditioner (with another one it takes more iterations). Guests are called on the calling thread,
+ * one after the other, so that bits do not depend on threads. Allocates nothing.
+ * Parts that a guest's nodes lie in are one part. What its tolerance is relative to is the residual that is left when
+ * the guests' own blocks are solved from the base (see sbi_guest_move_base), which is at rest to begin with, so that
+ * loads on what is stiff in itself do not count; and their rows count by the motion they stand for (sqrt of residual .
+ * block, in the mean node's units), so that units and stiffness do not. After each solve every guest may settle: when
+ * one has changed its rows the iteration goes on from where it is, with a tenth of the tolerance from the fourth solve
+ * on, since states that hang on little would turn over and back. SB_ERROR_DIVERGED: unknowns of guests are those of the
+ * start, too. A matrix in 32 bits that multigrid has is not used when nodes are taken, since it is without them. */
 SBI_API sb_result sbi_pcg_solve_guests(const sb_matrix *matrix, sb_preconditioner *preconditioner, const sb_real *rhs,
                                        sb_real *x, const sbi_guests *guests, const sb_pcg_options *options,
                                        sb_pcg_workspace *workspace, sb_pcg_info *info);

@@ -107,8 +107,8 @@ static void sbi_precond_enter_exact(const sb_preconditioner *p, const sb_real *r
     for (int k = 0; k < 3; k++)
         v[k] = p->turned && (p->fixed[i] >> k & 1) ? 0 : r[3 * i + (size_t)k] * scale;
     for (int k = 0; k < 3; k++)
-        out[k] = !p->turned ? v[k]
-                            : (sb_real)turn[k] * v[0] + (sb_real)turn[4 + k] * v[1] + (sb_real)turn[8 + k] * v[2];
+        out[k] =
+            !p->turned ? v[k] : (sb_real)turn[k] * v[0] + (sb_real)turn[4 + k] * v[1] + (sb_real)turn[8 + k] * v[2];
 }
 
 static void sbi_precond_leave_exact(const sb_preconditioner *p, const sb_real *r, size_t i, sb_real scale)
@@ -211,7 +211,8 @@ SBI_API void sbi_precond_apply(sb_preconditioner *p, const sb_real *r, sb_real *
         sbi_precond_run(&job, sbi_precond_write_task);
 }
 
-SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r, sb_real *z, double size, sb_real *spare)
+SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r, sb_real *z, double size,
+                                         sb_real *spare)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size), smooth = job;
     if (!p->coarse.ready) {
@@ -261,7 +262,8 @@ SB_API sb_preconditioner_def sb_default_preconditioner_def(void)
 
 SB_API sb_precond_kind sb_solver_auto(const sb_matrix *pattern)
 {
-    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID : SB_PRECOND_IC0;
+    return pattern && sbi_matrix_used_blocks(pattern) >= SBI_PRECOND_MULTIGRID_BLOCKS ? SB_PRECOND_MULTIGRID
+                                                                                      : SB_PRECOND_IC0;
 }
 
 SB_API const char *sb_precond_string(sb_precond_kind kind)
@@ -328,8 +330,7 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
     return SB_OK;
 }
 
-static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                   sb_error *error)
+static sb_result sbi_precond_check(const sb_preconditioner_def *def, const sb_matrix *pattern, sb_error *error)
 {
     if (!def || !pattern || pattern->row_count < 1)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "a preconditioner needs a def and a matrix");
@@ -533,8 +534,7 @@ static sb_result sbi_precond_create(const sb_preconditioner_def *def, const sb_m
 }
 
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error)
+                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error)
 {
     return sbi_precond_create(def, pattern, NULL, allocator, out, error);
 }
@@ -589,11 +589,11 @@ SBI_API void sbi_precond_settle(sb_preconditioner *p, const sb_matrix *matrix)
 /* ---- update -------------------------------------------------------------------------------------------- */
 
 /* *scale: the mean of its diagonal. */
-static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, double *scale, sb_error *error)
+static sb_result sbi_precond_check_matrix(const sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *positions,
+                                          double *scale, sb_error *error)
 {
-    if (!p || !matrix || matrix->row_count != p->row_count ||
-        sbi_matrix_used_blocks(matrix) != p->block_count || sbi_matrix_version(matrix) != p->pattern_version)
+    if (!p || !matrix || matrix->row_count != p->row_count || sbi_matrix_used_blocks(matrix) != p->block_count ||
+        sbi_matrix_version(matrix) != p->pattern_version)
         return sbi_fail(error, SB_ERROR_ARGUMENT, "the matrix does not have the preconditioner's pattern");
     *scale = (double)sbi_matrix_diagonal_scale(matrix, NULL, &p->jobs);
     if (!(*scale - *scale == 0))
@@ -608,8 +608,10 @@ static sb_result sbi_precond_update_fsai(sb_preconditioner *p, const sb_matrix *
 {
     int bad = sbi_fsai_update(&p->fsai, a, p->matrix_scale, (double)SBI_PRECOND_MAX_SHIFT, &p->jobs, &p->shift);
     if (bad >= 0)
-        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad, "node %d: no factor of its row's matrix up to a shift "
-                             "of %g", bad, (double)SBI_PRECOND_MAX_SHIFT);
+        return sbi_fail_node(error, SB_ERROR_INDEFINITE, bad,
+                             "node %d: no factor of its row's matrix up to a shift "
+                             "of %g",
+                             bad, (double)SBI_PRECOND_MAX_SHIFT);
     return SB_OK;
 }
 
@@ -676,8 +678,8 @@ static void sbi_precond_update_all(sbi_precond_updating *work, const sb_vec3 *po
         sbi_precond_update_coarse(p, work->matrix, positions, NULL);
 }
 
-SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix,
-                                          const sb_vec3 *positions, sb_error *error)
+SB_API sb_result sb_preconditioner_update(sb_preconditioner *p, const sb_matrix *matrix, const sb_vec3 *positions,
+                                          sb_error *error)
 {
     sbi_precond_updating work;
     double scale = 1;
@@ -721,8 +723,7 @@ static void sbi_precond_turn(sb_preconditioner *p, const sb_matrix *a, const sb_
         const sb_real *diagonal = a->blocks[a->diagonal[i]];
         for (size_t k = 0; k < 3; k++) {
             double entry = (double)diagonal[4 * k] * p->matrix_scale;
-            sbi_f4_store(p->turns + 12 * i + 4 * k,
-                         sbi_f4_make((float)r.m[k][0], (float)r.m[k][1], (float)r.m[k][2]));
+            sbi_f4_store(p->turns + 12 * i + 4 * k, sbi_f4_make((float)r.m[k][0], (float)r.m[k][1], (float)r.m[k][2]));
             p->held[4 * i + k] = (a->fixed[i] >> k & 1) && entry > 0 ? (float)(1 / entry) : 0;
         }
         p->held[4 * i + 3] = 0;

@@ -21,7 +21,7 @@ typedef enum sb_precond_kind {
                                   * three times its set-up */
     SB_PRECOND_CHOLESKY = 6,     /* the whole factor, of sb_direct: for matrices that keep near the one it was made of,
                                   * as warping makes them */
-    SB_PRECOND_MULTIGRID = 7     /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
+    SB_PRECOND_MULTIGRID = 7 /* V-cycles; for large meshes: iterations hardly grow with them, and all threads work */
 } sb_precond_kind;
 
 enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
@@ -29,29 +29,29 @@ enum { SB_PRECOND_PIECES_AUTO = -1, SB_PRECOND_MAX_POWER = 3 };
 typedef struct sb_preconditioner_def {
     sb_precond_kind kind;     /* default SB_PRECOND_AUTO */
     const sb_vec3 *positions; /* [row_count] (m), read at creation only; NULL (default): no coarse space */
-    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected part
-                      * of the pattern gets its share of them, one at least */
+    int piece_count; /* rigid pieces of the coarse space, >= 0; 0: none; default SB_PRECOND_PIECES_AUTO. Each connected
+                      * part of the pattern gets its share of them, one at least */
     int power;       /* FSAI: 1 to SB_PRECOND_MAX_POWER, default 1. 2 takes 0.6 to 0.7 times the iterations, but four to
                       * seven times the memory and seven (tet4) to fifty times (tet10) the set-up */
     sb_jobs jobs;    /* copied; default inline. IC0 with a coarse space gives two threads something to do from 1,000
                       * nodes on, where their numbering keeps neighbours near (sb_mesh_reorder): its factor is made, and
                       * applied, from both ends of it. Otherwise it shares out its coarse space only, as SSOR and
                       * Cholesky do, which is made while one thread makes the factor */
-    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its smoothers
-                      * take a step more, which saves about a fifth of the iterations. Default 0 */
-    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more are
-                                       * made below the last. Default NULL: all are made from positions */
+    sb_real poisson; /* of multigrid: the largest Poisson's ratio of the materials, -1 to 0.5. From 0.48 on its
+                      * smoothers take a step more, which saves about a fifth of the iterations. Default 0 */
+    const sb_multigrid_level *levels; /* [level_count] of multigrid, from fine to coarse, read at creation only; more
+                                       * are made below the last. Default NULL: all are made from positions */
     int level_count;
-    const sb_real *moduli;    /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
-                               * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli gives.
-                               * Parts whose moduli differ by more than five then get coarse nodes of their own, and
-                               * small ones that are fifty times as stiff as the softest are solved by elimination:
-                               * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
-                               * Rows of such small parts are left with next to no residual, so that all of a tolerance
-                               * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
-                               * Slivers are stiff across their height, too: tets at 1e-3 and 1e-4 of it, under one in a
-                               * hundred, cost three and eight times the iterations, told as E over that share 1.25 times.
-                               * Not with levels. Default NULL: one modulus */
+    const sb_real *moduli; /* [block_count] of multigrid: Young's modulus of the stiffest cell that joins the two
+                            * nodes of each block (Pa), >= 0, read at creation only, as sb_preconditioner_moduli
+                            * gives. Parts whose moduli differ by more than five then get coarse nodes of their own,
+                            * and small ones that are fifty times as stiff as the softest are solved by elimination:
+                            * jumps of 1:1000 take up to 1.8 times the iterations in place of ten times as many.
+                            * Rows of such small parts are left with next to no residual, so that all of a tolerance
+                            * goes to the rest: a tenth of it makes displacements as accurate as without such parts.
+                            * Slivers are stiff across their height, too: tets at 1e-3 and 1e-4 of it, under one in a
+                            * hundred, cost three and eight times the iterations, told as E over that share 1.25
+                            * times. Not with levels. Default NULL: one modulus */
 } sb_preconditioner_def;
 
 /* What a preconditioner resolved to and how its last update went. */
@@ -103,10 +103,10 @@ SB_API sb_result sb_preconditioner_moduli(const sb_matrix *pattern, int cell_cou
 
 /* Makes a preconditioner for matrices of this pattern (values are not read) with all memory it ever needs.
  * allocator NULL: malloc. *out is released with sb_preconditioner_free and refers to neither def nor pattern.
- * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out stays. */
+ * Returns SB_ERROR_ARGUMENT, SB_ERROR_NOT_FINITE (a position, error->node; a modulus) or SB_ERROR_MEMORY; *out
+ * stays. */
 SB_API sb_result sb_preconditioner_create(const sb_preconditioner_def *def, const sb_matrix *pattern,
-                                          const sb_allocator *allocator, sb_preconditioner **out,
-                                          sb_error *error);
+                                          const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
 SB_API void sb_preconditioner_free(sb_preconditioner *preconditioner);
 
 /* Takes over the values of a symmetric matrix of the pattern, without rotations; allocates nothing.
@@ -146,7 +146,8 @@ SB_API sb_result sb_preconditioner_warp(sb_preconditioner *preconditioner, const
 /* Bytes that sb_preconditioner_save writes; 0: more than size_t holds, or multigrid. */
 SB_API size_t sb_preconditioner_saved_size(const sb_preconditioner *preconditioner);
 /* Writes the smoother of the last update, without rotations and coarse space, to buffer[size]; what is behind
- * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never updated. */
+ * sb_preconditioner_saved_size stays. SB_ERROR_ARGUMENT: NULL, too small a buffer (then untouched), or never
+ * updated. */
 SB_API sb_result sb_preconditioner_save(const sb_preconditioner *preconditioner, void *buffer, size_t size);
 /* The smoother becomes what was saved from a preconditioner of the same kind, power and pattern, of IC0 also with a
  * coarse space if this one has one, or without, where that changes the factor's order; it is without until
@@ -170,8 +171,7 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
 SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
                                          sb_real *spare);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
-SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z,
-                                     double size);
+SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
  * nothing milder. */
 SBI_API int sbi_precond_soften(sb_preconditioner *preconditioner);
@@ -180,11 +180,11 @@ SBI_API sbi_multigrid *sbi_precond_compact(const sb_preconditioner *precondition
 /* Another of the same make (kind, jobs, levels; pieces for its size) for another pattern of the same nodes. */
 SBI_API sb_result sbi_precond_remake(const sb_preconditioner *like, const sb_matrix *pattern, const sb_vec3 *positions,
                                      const sb_allocator *allocator, sb_preconditioner **out, sb_error *error);
-/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi, SSOR,
- * IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
+/* A preconditioner of a matrix that follows (see sparse_live.h) follows it where its kind can: none, block Jacobi,
+ * SSOR, IC(0). 1 when it can and has the memory for what sbi_matrix_reserve has planned. */
 SBI_API int sbi_precond_reserve(const sb_preconditioner *preconditioner, const sb_matrix *matrix);
-/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again, from
- * the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
+/* The pattern is another one: nothing is known of it until the next update, which lists rows and cuts pieces again,
+ * from the matrix and `rest` [row_count] (m, borrowed) alone: the same as of one made anew, whatever the history. */
 SBI_API void sbi_precond_follow(sb_preconditioner *preconditioner, const sb_matrix *matrix, const sb_vec3 *rest);
 /* Does so now, if that is still to be done. */
 SBI_API void sbi_precond_settle(sb_preconditioner *preconditioner, const sb_matrix *matrix);

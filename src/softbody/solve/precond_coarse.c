@@ -77,8 +77,8 @@ static int sbi_precond_make_entries(sb_preconditioner *p, const sb_matrix *a)
     return made;
 }
 
-/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives what a
- * row has to the rows that it touches. */
+/* reach[a]: the first unknown that the rows of piece a in Z^T A Z and in its factor have no more. Elimination gives
+ * what a row has to the rows that it touches. */
 static void sbi_precond_make_reach(sbi_precond_coarse *c)
 {
     for (int a = 0; a < c->piece_count; a++)
@@ -157,8 +157,7 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
 {
     sbi_precond_coarse *c = &p->coarse;
     size_t rows = (size_t)a->row_count;
-    if (!sbi_precond_find_pieces(p, a, positions, pieces) ||
-        !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
+    if (!sbi_precond_find_pieces(p, a, positions, pieces) || !sbi_precond_take_motions(p, rows, (size_t)c->piece_count))
         return 0;
     memcpy(c->positions, positions, rows * sizeof(sb_vec3));
     if (!sbi_precond_make_entries(p, a))
@@ -170,8 +169,8 @@ SBI_API int sbi_precond_make_coarse(sb_preconditioner *p, const sb_matrix *a, co
 
 /* ---- of a matrix that follows --------------------------------------------------------------------------- */
 
-/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the last
- * are one. Crumbs that a cut leaves are pieces of their own. */
+/* The most pieces that the nodes of a matrix that follows are cut into when some `pieces` are asked for: beyond, the
+ * last are one. Crumbs that a cut leaves are pieces of their own. */
 static int sbi_precond_most_pieces(int pieces) { return 2 * pieces + 32; }
 
 SBI_API int sbi_precond_take_coarse(sb_preconditioner *p, int pieces)
@@ -247,8 +246,7 @@ static void sbi_precond_place_piece(sbi_precond_coarse *c, int piece)
 #if SBI_HAS_LANES
 static void sbi_precond_moments(const sbi_precond_coarse *c, const sb_matrix *a, int e, sb_real sum[4][12])
 {
-    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0,
-              z0 = p0;
+    sbi_lanes p0 = {0, 0, 0, 0}, p1 = p0, p2 = p0, x0 = p0, x1 = p0, x2 = p0, y0 = p0, y1 = p0, y2 = p0, z0 = p0;
     sbi_lanes z1 = p0, z2 = p0;
     int last = c->entry_start[c->piece_entry[c->piece_count]] - 1; /* of all blocks */
     for (int s = c->entry_start[e]; s < c->entry_start[e + 1]; s++) {
@@ -352,8 +350,7 @@ static void sbi_precond_factor_rows(sbi_precond_coarse *c, int first, int end)
  * factorisation. */
 static void sbi_precond_eliminate_rows(const double *rows, int width, int i, int end, double *SB_RESTRICT to)
 {
-    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width,
-                 *r5 = r4 + width;
+    const double *r0 = rows, *r1 = r0 + width, *r2 = r1 + width, *r3 = r2 + width, *r4 = r3 + width, *r5 = r4 + width;
     double f0 = r0[i], f1 = r1[i], f2 = r2[i], f3 = r3[i], f4 = r4[i], f5 = r5[i];
     if (f0 == 0 && f1 == 0 && f2 == 0 && f3 == 0 && f4 == 0 && f5 == 0)
         return; /* pieces that do not touch */
@@ -482,8 +479,8 @@ static void sbi_precond_solve_coarse(sbi_precond_coarse *c)
 
 /* Z^T r of one piece, minus (A Z)^T result if asked: a force, and a torque from the sums of arm components
  * times force (no cross products in the loop). */
-static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale,
-                                       int with_result, int piece, double *out)
+static void sbi_precond_restrict_piece(const sb_preconditioner *p, const sb_real *r, sb_real scale, int with_result,
+                                       int piece, double *out)
 {
     const sbi_precond_coarse *c = &p->coarse;
     sbi_float4 force = sbi_f4_make(0, 0, 0), by_x = force, by_y = force, by_z = force, torque;

@@ -16,14 +16,14 @@ enum { SBI_FSAI_TASKS = 32 }; /* a scratch matrix each; more than the cores at h
 typedef struct sbi_fsai {
     int row_count, power;
     int entry_count;
-    int *start;     /* [row_count + 1] of the rows of G */
-    int *columns;   /* [entry_count] ascending, the diagonal last */
-    float *rows;    /* [entry_count][12] transposed blocks G_ij^T */
-    int *back;      /* [entry_count] place of each block among those by columns */
-    int *end;       /* [row_count + 1] of the columns of G */
-    int *members;   /* [entry_count] row of each block of a column, ascending */
-    float *turned;  /* [entry_count][12] blocks G_ij by columns */
-    int *task_row;  /* [SBI_FSAI_TASKS + 1] first row of each task of an update */
+    int *start;           /* [row_count + 1] of the rows of G */
+    int *columns;         /* [entry_count] ascending, the diagonal last */
+    float *rows;          /* [entry_count][12] transposed blocks G_ij^T */
+    int *back;            /* [entry_count] place of each block among those by columns */
+    int *end;             /* [row_count + 1] of the columns of G */
+    int *members;         /* [entry_count] row of each block of a column, ascending */
+    float *turned;        /* [entry_count][12] blocks G_ij by columns */
+    int *task_row;        /* [SBI_FSAI_TASKS + 1] first row of each task of an update */
     size_t *task_scratch; /* [SBI_FSAI_TASKS] where the task's scratch starts */
     float *scratch;
     int *bad;       /* [SBI_FSAI_TASKS] first row that failed, or -1 */

@@ -1,7 +1,8 @@
 /* precond_lower: the factors of SSOR and IC(0), their making and their sweeps. Floor 1.
  *
  * M = (I + L) D (I + L)^T. With pieces, IC(0) eliminates from both ends of the nodes' order towards its middle: two
- * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst 1987). */
+ * halves that do not touch, for two threads, and last what is between them (twisted factorisation, van der Vorst
+ * 1987). */
 #include <float.h>
 #include <limits.h>
 #include <string.h>
@@ -71,7 +72,8 @@ static void sbi_precond_fill_rows(sb_preconditioner *p, const sb_matrix *a, cons
     p->start[p->row_count] = end;
 }
 
-/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of -1. */
+/* Walks all pairs of the factorisation and counts them; writes the first `room`. in_row [row_count] is scratch of
+ * -1. */
 static size_t sbi_precond_list_pairs(const sb_preconditioner *p, const int *place, int *in_row, size_t room)
 {
     size_t total = 0;
@@ -186,14 +188,13 @@ static int sbi_precond_invert(const sbi_float4 *d, const float *least, float *in
     sbi_f4_store(inverse, sbi_f4_make((float)(c00 * f), (float)(c01 * f), (float)(c02 * f)));
     sbi_f4_store(inverse + 4, sbi_f4_make((float)(c01 * f), (float)((a00 * a22 - a02 * a02) * f),
                                           (float)((a01 * a02 - a00 * a12) * f)));
-    sbi_f4_store(inverse + 8,
-                 sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
+    sbi_f4_store(inverse + 8, sbi_f4_make((float)(c02 * f), (float)((a01 * a02 - a00 * a12) * f), (float)(minor * f)));
     return 1;
 }
 
 /* Diagonal block i times `factor` in d; smallest pivots that still mean something in `least`. */
-SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i,
-                                           double factor, sbi_float4 *d, float *least)
+SBI_FORCE_INLINE void sbi_precond_diagonal(const sb_preconditioner *p, const sb_matrix *a, int i, double factor,
+                                           sbi_float4 *d, float *least)
 {
     const sb_real *block = a->blocks[a->diagonal[i]];
     for (int r = 0; r < 3; r++) {
@@ -228,8 +229,7 @@ SBI_API void sbi_precond_fill_ssor(sb_preconditioner *p, const sb_matrix *a)
         sbi_float4 u2 = sbi_f4_round_row(upper + 6, scale);
         float *out = p->lower + 12 * (size_t)e;
         for (int r = 0; r < 3; r++)
-            sbi_f4_store(out + 4 * r,
-                         sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
+            sbi_f4_store(out + 4 * r, sbi_f4_rows(sbi_f4_make(SBI_F4(u0, r), SBI_F4(u1, r), SBI_F4(u2, r)), inverse));
     }
 }
 
@@ -417,7 +417,10 @@ static void sbi_precond_backward(const sbi_precond_job *job, int part)
 }
 
 static void sbi_precond_forward_task(void *user, int half) { sbi_precond_forward((const sbi_precond_job *)user, half); }
-static void sbi_precond_backward_task(void *user, int half) { sbi_precond_backward((const sbi_precond_job *)user, half); }
+static void sbi_precond_backward_task(void *user, int half)
+{
+    sbi_precond_backward((const sbi_precond_job *)user, half);
+}
 
 SBI_API void sbi_precond_sweep(const sbi_precond_job *job)
 {

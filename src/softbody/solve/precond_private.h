@@ -12,16 +12,16 @@
 
 enum {
     SBI_PRECOND_MAX_ATTEMPTS = 18,
-    SBI_PRECOND_MAX_SHIFT = 64, /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
-                                 * factor of any positive definite one exists */
+    SBI_PRECOND_MAX_SHIFT = 64,    /* beyond a row's length the shifted matrix is dominated by its diagonal, so that the
+                                    * factor of any positive definite one exists */
     SBI_PRECOND_RELAX_FIRST = 16,  /* successful updates before a shift is lowered on trial */
     SBI_PRECOND_RELAX_LAST = 1024, /* the wait doubles with every failed trial up to this */
     SBI_PRECOND_NODES_PER_PIECE = 85,
     SBI_PRECOND_MAX_PIECES = 64,
     SBI_PRECOND_MULTIGRID_BLOCKS = 140000, /* measured on beams and livers of most elements */
-    SBI_PRECOND_HALVED_ROWS = 1000, /* below, a second thread gains next to nothing: 0.27 for 0.28 ms with 637 */
-    SBI_PRECOND_BETWEEN = 6,        /* of the nodes at most one in so many may be between the halves */
-    SBI_PRECOND_AHEAD = 8 /* blocks asked for before they are read */
+    SBI_PRECOND_HALVED_ROWS = 1000,        /* below, a second thread gains next to nothing: 0.27 for 0.28 ms with 637 */
+    SBI_PRECOND_BETWEEN = 6,               /* of the nodes at most one in so many may be between the halves */
+    SBI_PRECOND_AHEAD = 8                  /* blocks asked for before they are read */
 };
 
 /* The pieces' motions. Piece a has the 6 coarse unknowns 6a .. 6a+5: a translation and a rotation about its
@@ -62,11 +62,11 @@ struct sb_preconditioner {
     /* of a matrix that follows: the arrays are for as many rows and blocks as it has room for, and what depends on the
      * pattern is made anew by the first update after a change, from matrix and rest shape alone */
     int row_room, block_room, longest_room; /* 0: the matrix does not follow */
-    int stale;            /* 1: the pattern has changed since */
-    int wanted_pieces;    /* of the def */
-    const sb_vec3 *rest;  /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
-    int *scratch;         /* [8 row_room + block_room + 1] */
-    sb_vec3 *centres;     /* [row_room] */
+    int stale;                              /* 1: the pattern has changed since */
+    int wanted_pieces;                      /* of the def */
+    const sb_vec3 *rest; /* [row_count] rest shape that pieces are cut in, borrowed; NULL: no pieces */
+    int *scratch;        /* [8 row_room + block_room + 1] */
+    sb_vec3 *centres;    /* [row_room] */
     int ready;           /* 1: updated or loaded */
     double matrix_scale; /* power of two that brought the mean diagonal of the smoothed matrix near 1 */
     /* lower triangle by rows, in the order of elimination: two halves that do not touch, then what is between them */
@@ -79,36 +79,37 @@ struct sb_preconditioner {
     float *inverse; /* [row_count][12] D^-1 */
     float *middle;  /* [row_count][4] (I + L)^-1 r, or G r */
     float *result;  /* [row_count][4] z, scaled */
-    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the block
-     * (j, m) */
+    /* IC0: for each block (i, j) the pairs (i, m), (j, m) with m eliminated before j: place in row i, index of the
+     * block (j, m) */
     size_t *pair_start; /* [lower_count + 1] */
     int *pairs;         /* [pair_room][2] */
     size_t pair_room;
-    int unlisted;       /* 1: there is no room for the pairs; they are found again by each update */
-    int *place;         /* [row_room] of each node in the order, of a matrix that follows */
-    int *in_row;        /* [2][row_room] -1 between rows; of each half, in such a one */
-    int *found;         /* [2][2 longest_room] pairs of the block at work in each half */
-    int longest;        /* blocks of the longest row */
-    float *row;         /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
-    int bad[2];         /* node of the first bad pivot of each half, or -1 */
-    int relaxing;       /* 1: the update at work tries a lower shift */
-    double trial;       /* its shift */
+    int unlisted; /* 1: there is no room for the pairs; they are found again by each update */
+    int *place;   /* [row_room] of each node in the order, of a matrix that follows */
+    int *in_row;  /* [2][row_room] -1 between rows; of each half, in such a one */
+    int *found;   /* [2][2 longest_room] pairs of the block at work in each half */
+    int longest;  /* blocks of the longest row */
+    float *row;   /* [2][longest or longest_room][12] transposed blocks of the rows at work, one in each half */
+    int bad[2];   /* node of the first bad pivot of each half, or -1 */
+    int relaxing; /* 1: the update at work tries a lower shift */
+    double trial; /* its shift */
     int attempts, successes, wait;
     double shift;
     sbi_fsai fsai;
     sbi_multigrid *multigrid;
-    sb_direct *direct;  /* Cholesky */
-    sb_real *exact;     /* [row_count][3] what it solves, and the solution */
+    sb_direct *direct; /* Cholesky */
+    sb_real *exact;    /* [row_count][3] what it solves, and the solution */
     /* warping: M^-1 = R S R^T on the free components, with the inverse diagonal on those prescribed now */
     int turned;           /* 1: there are rotations */
     float *turns;         /* [row_count][12] R */
     float *held;          /* [row_count][4] scaled inverse diagonal of prescribed components, 0 for free ones */
     unsigned char *fixed; /* [row_count] masks of prescribed components */
     sbi_precond_coarse coarse;
-    sbi_owned owned;      /* its arrays; bytes: of everything */
+    sbi_owned owned; /* its arrays; bytes: of everything */
 };
 
-/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user, 0). */
+/* What is done beside the making of A Z: task(user, 0 .. count - 1), then, beside the factor of Z^T A Z, last(user,
+ * 0). */
 typedef struct sbi_precond_beside {
     sb_task task, last; /* last: or NULL */
     void *user;
@@ -122,8 +123,8 @@ typedef struct sbi_precond_job {
     const sb_vec3 *positions; /* NULL: where they were */
     const sb_real *r;
     sb_real *z;
-    double scale;    /* of r: a power of two */
-    int with_result; /* restriction: of r - A result, not r */
+    double scale;                     /* of r: a power of two */
+    int with_result;                  /* restriction: of r - A result, not r */
     const sbi_precond_beside *beside; /* or NULL */
 } sbi_precond_job;
 
@@ -167,9 +168,9 @@ SBI_FORCE_INLINE sb_real sbi_precond_coordinate(const sb_vec3 *positions, int no
 
 /* ---- precond_pieces ---- */
 
-/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for each
- * part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of pieces.
- * scratch [6 row_count + 1], centres [row_count]: scratch. */
+/* Cuts the nodes into some `pieces` compact pieces of like size, each within one connected part, and one at least for
+ * each part: nodes[row_count] by piece, parts one after the other, and piece_of[row_count]. Returns the number of
+ * pieces. scratch [6 row_count + 1], centres [row_count]: scratch. */
 SBI_API int sbi_precond_make_pieces(const sb_matrix *a, const sb_vec3 *positions, int pieces, int *scratch,
                                     sb_vec3 *centres, int *nodes, int *piece_of);
 

@@ -55,8 +55,10 @@ static void sbi_precond_same(sbi_precond_walk *w, uint64_t value, const char *na
 {
     uint64_t got = sbi_precond_word(w, value, 8);
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK && got != value)
-        w->result = sbi_fail(w->error, SB_ERROR_STATE, "the preconditioner was saved from another one: %s is %lu "
-                             "there, %lu here", name, (unsigned long)got, (unsigned long)value);
+        w->result = sbi_fail(w->error, SB_ERROR_STATE,
+                             "the preconditioner was saved from another one: %s is %lu "
+                             "there, %lu here",
+                             name, (unsigned long)got, (unsigned long)value);
 }
 
 static double sbi_precond_double(sbi_precond_walk *w, double value)
@@ -102,8 +104,7 @@ static int sbi_precond_block_is_finite(const float *block)
 static int sbi_precond_block_is_definite(const float *b)
 {
     double minor = (double)b[0] * (double)b[4] - (double)b[1] * (double)b[3];
-    double det = minor * (double)b[8] -
-                 (double)b[5] * ((double)b[0] * (double)b[7] - (double)b[1] * (double)b[6]) +
+    double det = minor * (double)b[8] - (double)b[5] * ((double)b[0] * (double)b[7] - (double)b[1] * (double)b[6]) +
                  (double)b[2] * ((double)b[3] * (double)b[7] - (double)b[4] * (double)b[6]);
     return b[1] == b[3] && b[2] == b[6] && b[5] == b[7] && b[0] > 0 && minor > 0 && det > 0;
 }
@@ -161,8 +162,10 @@ static void sbi_precond_numbers(sbi_precond_walk *w, sb_preconditioner *p)
     memory.wait = sbi_int_of(sbi_precond_word(w, (uint64_t)(uint32_t)memory.wait, 4));
     if (w->pass == SBI_PRECOND_CHECK && w->result == SB_OK &&
         (!sbi_precond_is_memory(memory) || !(scale > 0) || scale != sbi_precond_power(0.5 / scale)))
-        w->result = sbi_fail(w->error, SB_ERROR_FORMAT, "the saved preconditioner has a shift %g or a scale %g that no "
-                             "update gives", memory.shift, scale);
+        w->result = sbi_fail(w->error, SB_ERROR_FORMAT,
+                             "the saved preconditioner has a shift %g or a scale %g that no "
+                             "update gives",
+                             memory.shift, scale);
     if (w->pass == SBI_PRECOND_READ) {
         p->matrix_scale = scale;
         sbi_precond_set_memory(p, memory);

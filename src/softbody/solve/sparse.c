@@ -28,8 +28,7 @@ static size_t sbi_sparse_cell_begin(const sbi_sparse_cells *cells, int cell)
 static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error)
 {
     if (cells->node_count < 1 || cells->cell_count < 0)
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "a matrix needs node_count >= 1 and cell_count >= 0, not %d and %d",
                         cells->node_count, cells->cell_count);
     if (cells->cell_count && (!cells->nodes || (!cells->start && cells->nodes_per_cell < 1)))
         return sbi_fail(error, SB_ERROR_ARGUMENT, "cells need node indices and a size");
@@ -41,8 +40,8 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
     for (int c = 0; c < cells->cell_count; c++)
         for (size_t k = sbi_sparse_cell_begin(cells, c); k < sbi_sparse_cell_begin(cells, c + 1); k++)
             if (cells->nodes[k] < 0 || cells->nodes[k] >= cells->node_count)
-                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c,
-                                        cells->nodes[k], cells->node_count);
+                return sbi_fail_element(error, SB_ERROR_INDEX, c, "cell %d names node %d of %d", c, cells->nodes[k],
+                                        cells->node_count);
     return SB_OK;
 }
 
@@ -50,8 +49,7 @@ static sb_result sbi_sparse_check(const sbi_sparse_cells *cells, sb_error *error
 static void *sbi_sparse_scratch_create(const sbi_sparse_cells *cells, const sb_allocator *allocator,
                                        sbi_sparse_scratch *scratch)
 {
-    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count),
-           bytes = 0;
+    size_t nodes = (size_t)cells->node_count, entries = sbi_sparse_cell_begin(cells, cells->cell_count), bytes = 0;
     char *memory;
     if (!sbi_size_add(&bytes, nodes + 1, sizeof(size_t)) || !sbi_size_add(&bytes, entries, sizeof(int)) ||
         !sbi_size_add(&bytes, nodes, sizeof(int)))
@@ -100,8 +98,7 @@ static size_t sbi_sparse_visit(const sbi_sparse_cells *cells, const sbi_sparse_s
         total++;
         for (size_t s = scratch->node_start[i]; s < scratch->node_start[i + 1]; s++) {
             int cell = scratch->node_cells[s];
-            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1);
-                 k++) {
+            for (size_t k = sbi_sparse_cell_begin(cells, cell); k < sbi_sparse_cell_begin(cells, cell + 1); k++) {
                 int j = cells->nodes[k];
                 if (scratch->marker[j] == i)
                     continue;
@@ -214,8 +211,8 @@ SBI_API void sbi_sparse_list_parts(const sb_matrix *matrix, const int *part_of)
     matrix->part_start[0] = 0;
 }
 
-static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch,
-                                 sb_matrix *matrix, sb_error *error)
+static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scratch *scratch, sb_matrix *matrix,
+                                 sb_error *error)
 {
     size_t total;
     sbi_sparse_list_cells(cells, scratch);
@@ -236,8 +233,7 @@ static sb_result sbi_sparse_fill(const sbi_sparse_cells *cells, sbi_sparse_scrat
 }
 
 SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_cell, const int *cell_start,
-                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix,
-                                  sb_error *error)
+                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix, sb_error *error)
 {
     sbi_sparse_cells input;
     sbi_sparse_scratch scratch;
@@ -344,11 +340,9 @@ enum {
 /* A block's rows and the vector are read as 4-vectors. The fourth lane belongs to what comes next in memory
  * and is never summed; only the last node has nothing after it (`guard`). Three vector products instead of
  * nine, which compilers do not find by themselves. */
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
-                                              int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
 {
-    const int *column = matrix->columns + matrix->row_start[i],
-              *end = matrix->columns + matrix->row_end[i];
+    const int *column = matrix->columns + matrix->row_start[i], *end = matrix->columns + matrix->row_end[i];
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sbi_lanes s0 = {0, 0, 0, 0}, s1 = s0, s2 = s0;
     for (; column < end; column++, block += 9) {
@@ -370,8 +364,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
     y[2] = s2[0] + s2[1] + s2[2];
 }
 #else
-SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i,
-                                              int guard)
+SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_real *x, sb_real *y, int i, int guard)
 {
     const sb_real *block = matrix->blocks[matrix->row_start[i]];
     sb_real s00 = 0, s01 = 0, s02 = 0, s10 = 0, s11 = 0, s12 = 0, s20 = 0, s21 = 0, s22 = 0;
@@ -389,8 +382,7 @@ SBI_FORCE_INLINE void sbi_sparse_multiply_row(const sb_matrix *matrix, const sb_
 }
 #endif
 
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
-                                      int last)
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last)
 {
     const int *columns = matrix->columns, *row_end = matrix->row_end;
     for (int i = first; i < last; i++) {
@@ -507,8 +499,7 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
 
 /* Moves the known terms of node i's prescribed components to the other rows' right-hand sides. The column of
  * component c in block (j, i) is row c of block (i, j). Most supports stand still and have none. */
-static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value,
-                                  sb_real *rhs)
+static void sbi_sparse_move_known(const sb_matrix *matrix, int i, int mask, const sb_real *value, sb_real *rhs)
 {
     if (!((mask & SB_X && value[0] != 0) || (mask & SB_Y && value[1] != 0) || (mask & SB_Z && value[2] != 0)))
         return;
@@ -565,8 +556,7 @@ SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, 
     }
 }
 
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs)
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs)
 {
     if (!matrix || !mask)
         return;

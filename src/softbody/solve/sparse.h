@@ -14,7 +14,7 @@ enum { SB_X = 1, SB_Y = 2, SB_Z = 4, SB_XYZ = 7 };
  * Whole storage costs twice the memory of one triangle, but then a row of a product has one writer: rows can
  * be shared among threads and the sums keep their order, so the bits do not depend on the thread count. */
 typedef struct sb_matrix {
-    int row_count; /* nodes */
+    int row_count;        /* nodes */
     int block_count;      /* extent of the arrays of blocks */
     int *row_start;       /* [row_count + 1] first block of each row */
     int *row_end;         /* [row_count] one past its last block. Rows follow each other without a gap, row_end[i] =
@@ -45,8 +45,7 @@ typedef struct sb_matrix {
  * would be more than 2^31-1 blocks) with *matrix untouched. Release with sb_matrix_free. Time and scratch
  * memory are proportional to the cells' node pairs. */
 SB_API sb_result sb_matrix_create(int node_count, int cell_count, int nodes_per_cell, const int *cell_start,
-                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix,
-                                  sb_error *error);
+                                  const int *cells, const sb_allocator *allocator, sb_matrix *matrix, sb_error *error);
 
 /* Releases the arrays and zeroes the struct; a zeroed matrix is fine. */
 SB_API void sb_matrix_free(sb_matrix *matrix);
@@ -76,26 +75,21 @@ SB_API sb_real sb_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned 
  * Needs a symmetric matrix; touches the constrained rows and their transposed blocks only. The diagonal stays
  * as large as its neighbours so that neither the condition number nor a relative residual notices the
  * replaced rows. */
-SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values,
-                                sb_real *rhs);
+SB_API void sb_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs);
 
 /* ---- internal ------------------------------------------------------------------------------------------ */
 
 /* Rows per task of products and vector loops: fixed, so that partial sums do not depend on threads. */
 enum { SBI_ROW_CHUNK = 256 };
 
-SB_INLINE int sbi_row_chunks(int row_count)
-{
-    return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0);
-}
+SB_INLINE int sbi_row_chunks(int row_count) { return row_count / SBI_ROW_CHUNK + (row_count % SBI_ROW_CHUNK != 0); }
 
 /* As many parts as a matrix of so many rows can have: two rows each at least, but for those coupled with no other. */
 SB_INLINE int sbi_matrix_most_parts(int row_count) { return row_count / 2 + 1; }
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
 /* y_i = (A x)_i for the rows first <= i < last. */
-SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first,
-                                      int last);
+SBI_API void sbi_matrix_multiply_rows(const sb_matrix *matrix, const sb_real *x, sb_real *y, int first, int last);
 /* sb_matrix_diagonal_scale, and sb_matrix_constrain with the mean that it needs, on all threads. */
 SBI_API sb_real sbi_matrix_diagonal_scale(const sb_matrix *matrix, const unsigned char *mask, const sb_jobs *jobs);
 SBI_API void sbi_matrix_constrain(sb_matrix *matrix, const unsigned char *mask, const sb_real *values, sb_real *rhs,

@@ -160,10 +160,7 @@ static void sbi_live_move(sb_matrix *matrix, int i, int from, int to)
     matrix->transpose[twin] = to;
 }
 
-static int sbi_live_piece_places(int length)
-{
-    return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE;
-}
+static int sbi_live_piece_places(int length) { return (length + SBI_LIVE_PIECE - 1) / SBI_LIVE_PIECE * SBI_LIVE_PIECE; }
 
 /* A piece for a row of so many blocks; its places are cleared. */
 static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
@@ -184,8 +181,8 @@ static void sbi_live_take_piece(sb_matrix *matrix, int i, int length)
     live->room[i] = places;
 }
 
-/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest, waits
- * for the rows to be pushed together. */
+/* Gives a piece back whose places are cleared. What is larger than the largest size, or smaller than the smallest,
+ * waits for the rows to be pushed together. */
 static void sbi_live_give_piece(sb_matrix *matrix, int start, int places)
 {
     sbi_matrix_live *live = matrix->live;
@@ -212,7 +209,8 @@ static void sbi_live_open_row(sb_matrix *matrix, int i)
 
 static int sbi_live_is_alone(const sb_matrix *matrix, int i) { return matrix->row_end[i] - matrix->row_start[i] == 1; }
 
-/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in sbi_live_end_nodes. */
+/* Lists a row among those of the change at hand, before its blocks change; it counts as alone again in
+ * sbi_live_end_nodes. */
 static void sbi_live_touch(sb_matrix *matrix, int i)
 {
     sbi_matrix_live *live = matrix->live;
@@ -323,7 +321,8 @@ static void sbi_live_plan_nodes(sbi_matrix_live *live, size_t count, const int *
 }
 
 /* All pairs of a change. Couplings of nodes that it removes go with these; theirs are not counted. */
-static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change, const sbi_matrix_couplings *others)
+static void sbi_live_plan_pairs(sbi_matrix_live *live, const sbi_mesh_change *change,
+                                const sbi_matrix_couplings *others)
 {
     live->pair_count = 0;
     if (others) {
@@ -720,8 +719,8 @@ static void sbi_live_note_parts(sb_matrix *matrix)
     live->first_is_lost = 0;
 }
 
-/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of those
- * touched, or INT_MAX. */
+/* 1 when all parts but that of the rows alone have the first row they had. *alone: the least row that is alone, of
+ * those touched, or INT_MAX. */
 static int sbi_live_firsts_hold(const sb_matrix *matrix, int *alone)
 {
     const sbi_matrix_live *live = matrix->live;
@@ -960,7 +959,8 @@ static sb_result sbi_live_check_row(const sb_matrix *matrix, int i, sb_error *er
         if (twin != sb_matrix_find(matrix, j, i) || live->uses[q] != live->uses[twin])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d has another transpose or count", i, j);
         if ((j == i) != (live->uses[q] == 0))
-            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j, live->uses[q]);
+            return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is counted %d times", i, j,
+                                 live->uses[q]);
         if (live->part_of[j] != live->part_of[i])
             return sbi_fail_node(error, SB_ERROR_STATE, i, "row %d: column %d is in another part", i, j);
     }

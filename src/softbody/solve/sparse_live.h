@@ -42,39 +42,40 @@ typedef struct sbi_live_pair {
 
 typedef struct sbi_matrix_live {
     int row_capacity, block_capacity;
-    unsigned version;        /* how many changes there were, from 1 */
-    int *room;               /* [row_capacity] places of the row's piece */
-    int *uses;               /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
-    unsigned char *in_use;   /* [row_capacity] */
-    unsigned char *marks;    /* [row_capacity] zeros between calls */
+    unsigned version;      /* how many changes there were, from 1 */
+    int *room;             /* [row_capacity] places of the row's piece */
+    int *uses;             /* [block_capacity] of each coupling; of the diagonal and of places in no row 0 */
+    unsigned char *in_use; /* [row_capacity] */
+    unsigned char *marks;  /* [row_capacity] zeros between calls */
     int free_pieces[SBI_LIVE_PIECE_SIZES]; /* first place of the last one freed of each size, -1: none; `uses` of that
                                             * place has the next */
     /* what the last change did */
-    int *touched;            /* [row_capacity] rows with other columns or in other places than before */
+    int *touched; /* [row_capacity] rows with other columns or in other places than before */
     int touched_count;
-    int repacked;            /* 1: all rows moved */
-    int used_blocks;         /* blocks that are in rows */
+    int repacked;    /* 1: all rows moved */
+    int used_blocks; /* blocks that are in rows */
     /* parts */
-    int *part_of;            /* [row_capacity] */
-    int *part_first;         /* [parts] first row of each; not kept up of the part of rows alone */
-    int alone_part, alone_count; /* the part of the rows that have their diagonal block only, or -1, and how many there are */
-    int first_is_lost;       /* 1: the first row of a part went in the change at hand */
-    int renumbered;          /* 1: the last change numbered the parts again: rows it did not touch may have another */
-    int listed;              /* 1: part_start and part_rows are those of part_of */
+    int *part_of;    /* [row_capacity] */
+    int *part_first; /* [parts] first row of each; not kept up of the part of rows alone */
+    int alone_part,
+        alone_count;   /* the part of the rows that have their diagonal block only, or -1, and how many there are */
+    int first_is_lost; /* 1: the first row of a part went in the change at hand */
+    int renumbered;    /* 1: the last change numbered the parts again: rows it did not touch may have another */
+    int listed;        /* 1: part_start and part_rows are those of part_of */
     int *lost, *held, *seen; /* [row_capacity] scratch */
     /* the plan of the change reserved last */
-    sbi_live_key *keys;      /* new couplings, by row and column */
+    sbi_live_key *keys; /* new couplings, by row and column */
     int key_count, key_capacity;
-    sbi_live_pair *pairs;    /* couplings that there are and that are used more or less often */
+    sbi_live_pair *pairs; /* couplings that there are and that are used more or less often */
     int pair_count, pair_capacity;
-    int pack;                /* 1: rows are pushed together first */
-    int longest;             /* blocks of the longest row that there was or was planned */
+    int pack;    /* 1: rows are pushed together first */
+    int longest; /* blocks of the longest row that there was or was planned */
     void *row_memory, *pool_memory;
 } sbi_matrix_live;
 
 #if defined(SB_IMPLEMENTATION) || defined(SB_SPLIT_BUILD)
-/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else that
- * stays for ever); rows that no cell names and in_use excludes are free.
+/* Lets a compact matrix follow changes from now on. Its pattern has all that is counted here and nothing else (else
+ * that stays for ever); rows that no cell names and in_use excludes are free.
  * cells    [cell_count][nodes_per_cell]; cells whose first node is < 0 are free
  * others   made: couplings besides; NULL: none
  * in_use   [row_count] or NULL: all
@@ -89,8 +90,8 @@ SBI_API sb_result sbi_matrix_reserve(sb_matrix *matrix, const sbi_mesh_change *c
 /* Memory for changes with so many new couplings, both ways. */
 SBI_API sb_result sbi_matrix_reserve_plan(sb_matrix *matrix, int couplings, sb_error *error);
 /* Follows the change reserved last; other reservations or changes in between are not allowed. Blocks that stay keep
- * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet or
- * get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
+ * their values, new ones are 0. Cost proportional to what changed, but a pass over all rows where parts come, go, meet
+ * or get another first row. part_start and part_rows are right after sbi_matrix_list_parts only. */
 SBI_API void sbi_matrix_follow(sb_matrix *matrix, const sbi_mesh_change *change);
 /* Blocks that arrays beside the matrix need room for: as many as it may get without further memory. */
 SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
@@ -98,8 +99,8 @@ SBI_API int sbi_matrix_capacity(const sb_matrix *matrix);
 SBI_API int sbi_matrix_row_capacity(const sb_matrix *matrix);
 /* Which pattern it is at present: each change makes it another one; 0 of a compact matrix. */
 SBI_API unsigned sbi_matrix_version(const sb_matrix *matrix);
-/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For all
- * who read them. */
+/* Lists rows by part where a change has left that to be done; the arrays behind part_start and part_rows change. For
+ * all who read them. */
 SBI_API void sbi_matrix_list_parts(const sb_matrix *matrix);
 /* Blocks that are in rows. */
 SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
@@ -107,8 +108,8 @@ SBI_API int sbi_matrix_used_blocks(const sb_matrix *matrix);
  * whoever writes all blocks. */
 SBI_API void sbi_matrix_set_free_row(sb_matrix *matrix, int row);
 SBI_API void sbi_matrix_set_free_rows(sb_matrix *matrix);
-/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names the
- * first fault. */
+/* Whether places, columns, transposes, counts, free pieces and parts are consistent: for tests. SB_ERROR_STATE names
+ * the first fault. */
 SBI_API sb_result sbi_matrix_check_live(const sb_matrix *matrix, sb_error *error);
 
 /* ---- sparse ---- */

@@ -33,7 +33,7 @@ typedef struct race_system {
 } race_system;
 
 static const double race_tolerances[2] = {1e-2, 1e-6};
-enum { RACE_RUNS = 5 };             /* of which the least time counts; fewer where they take long: */
+enum { RACE_RUNS = 5 };                /* of which the least time counts; fewer where they take long: */
 static const double race_patience = 4; /* seconds */
 
 static inline double race_seconds(void)

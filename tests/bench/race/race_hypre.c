@@ -1,8 +1,8 @@
 /* race_hypre: hypre's conjugate gradients with BoomerAMG in the race, one MPI process per thread. Arguments: files of
  * race_write. What serves elasticity best is not the same for every mesh, so each of the ways that its manual proposes
- * is tried, and printed with a name of its own: unknown approach (three functions) with several strength thresholds, nodal
- * coarsening, and interpolation that keeps rotations (Baker, Kolev and Yang 2010). Symmetric smoothers, HMIS coarsening
- * and extended+i interpolation throughout. */
+ * is tried, and printed with a name of its own: unknown approach (three functions) with several strength thresholds,
+ * nodal coarsening, and interpolation that keeps rotations (Baker, Kolev and Yang 2010). Symmetric smoothers, HMIS
+ * coarsening and extended+i interpolation throughout. */
 #include <HYPRE.h>
 #include <HYPRE_krylov.h>
 #include <HYPRE_parcsr_ls.h>
@@ -20,8 +20,10 @@ typedef struct setting {
     int nodal, rotations, most_unknowns;
 } setting;
 
-static const setting settings[] = {{"hypre-unknown-25", 0.25, 0, 0, 60000}, {"hypre-unknown-50", 0.5, 0, 0, 1000000},
-                                   {"hypre-unknown-90", 0.9, 0, 0, 60000},  {"hypre-nodal-50", 0.5, 1, 0, 60000},
+static const setting settings[] = {{"hypre-unknown-25", 0.25, 0, 0, 60000},
+                                   {"hypre-unknown-50", 0.5, 0, 0, 1000000},
+                                   {"hypre-unknown-90", 0.9, 0, 0, 60000},
+                                   {"hypre-nodal-50", 0.5, 1, 0, 60000},
                                    {"hypre-rotations", 0.5, 4, 1, 60000}};
 
 /* This process's share of a system: rows first <= i < last. */

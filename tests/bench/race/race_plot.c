@@ -49,7 +49,7 @@ typedef struct jump {
 static const char *const series_names[SERIES] = {"series_5k", "series_13k", "beam_tet10_9k", "series_137k",
                                                  "series_310k"};
 
-static result_list race, series;    /* of all racers; of multigrid on the series, the least of all turns */
+static result_list race, series;      /* of all racers; of multigrid on the series, the least of all turns */
 static result_list turns[MOST_TURNS]; /* and what each turn found */
 static int turn_count;
 static product products[MOST_RESULTS];

@@ -78,10 +78,10 @@ int main(int argc, char **argv)
         sb_element_type type;
         int n[3];
         double poisson;
-    } beams[] = {{"beam_tet4_13k", SB_TET4, {28, 9, 9}, 0.45},    {"beam_tet4_100k", SB_TET4, {57, 17, 17}, 0.45},
-                 {"beam_tet10_9k", SB_TET10, {25, 8, 8}, 0.45},   {"beam_tet10_9k_49", SB_TET10, {25, 8, 8}, 0.49},
-                 {"series_5k", SB_TET10, {11, 4, 4}, 0.45},       {"series_13k", SB_TET10, {17, 5, 5}, 0.45},
-                 {"series_137k", SB_TET10, {36, 12, 12}, 0.45},   {"series_310k", SB_TET10, {47, 16, 16}, 0.45}};
+    } beams[] = {{"beam_tet4_13k", SB_TET4, {28, 9, 9}, 0.45},  {"beam_tet4_100k", SB_TET4, {57, 17, 17}, 0.45},
+                 {"beam_tet10_9k", SB_TET10, {25, 8, 8}, 0.45}, {"beam_tet10_9k_49", SB_TET10, {25, 8, 8}, 0.49},
+                 {"series_5k", SB_TET10, {11, 4, 4}, 0.45},     {"series_13k", SB_TET10, {17, 5, 5}, 0.45},
+                 {"series_137k", SB_TET10, {36, 12, 12}, 0.45}, {"series_310k", SB_TET10, {47, 16, 16}, 0.45}};
     if (argc != 2) {
         fprintf(stderr, "race_write FOLDER\n");
         return 1;
