@@ -94,13 +94,20 @@ SBI_API void sbi_embed_place_point(const sbi_embed_volume *volume, sb_embedding_
         place->cell = volume->boundary.elements[place->cell] * volume->faces + volume->boundary.faces[place->cell];
 }
 
+SBI_API int *sbi_embed_report_count(sb_embedding_report *report, sb_embedding_hold hold)
+{
+    if (hold == SB_EMBEDDED_INSIDE)
+        return &report->inside;
+    if (hold == SB_EMBEDDED_OFFSET)
+        return &report->offset;
+    return hold == SB_EMBEDDED_FRAME ? &report->frame : &report->extrapolated;
+}
+
 SBI_API void sbi_embed_report_add(sb_embedding_report *report, const sbi_embed_place *place, int index)
 {
-    report->inside += place->hold == SB_EMBEDDED_INSIDE;
-    report->offset += place->hold == SB_EMBEDDED_OFFSET;
-    report->frame += place->hold == SB_EMBEDDED_FRAME;
-    report->extrapolated += place->hold == SB_EMBEDDED_EXTRAPOLATED;
-    if (place->gap > report->max_distance) {
+    ++*sbi_embed_report_count(report, place->hold);
+    if (place->gap > report->max_distance ||
+        (place->gap > 0 && place->gap >= report->max_distance && index < report->farthest_point)) {
         report->max_distance = place->gap;
         report->farthest_point = index;
     }
