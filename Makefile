@@ -208,7 +208,7 @@ test-tsan: build/tsan/tests
 	CHECK_QUICK=1 TSAN_OPTIONS=halt_on_error=1 build/tsan/tests $(or $(FILTER),$(TSAN_FILTER))
 
 # The tests in double, and what runs each of them as a strict host would: on a stack of its own, where an operation that is
-# invalid, divides by 0 or overflows is a signal.
+# invalid, divides by 0 or overflows is a signal, and with memory that held something else before (glibc fills it).
 STACK = 131072
 build/host/main.o: tests/main.c tests/check.h build/double/suites.h build/flags
 	@mkdir -p $(@D)
@@ -218,7 +218,7 @@ build/host/tests: build/host/main.o $(filter-out %/main.o,$(TEST_UNITS:tests/%.c
 # Tests whose own variables take 80 kB and more, and a suite that compares the NaN that it hands over.
 LENIENT = -embed/no -live_mesh/random -live_mesh/the -material_fit/refused -output/a -output/devices -picture/png -hostile
 test-host: build/host/tests build/double/tests
-	tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
+	MALLOC_PERTURB_=1 tests/total.sh "build/host/tests $(or $(FILTER),$(LENIENT))" $(if $(FILTER),,"build/double/tests $(LENIENT:-%=%)")
 sanitize: build/sanitize/tests
 	CHECK_QUICK=1 ASAN_OPTIONS=detect_leaks=1 build/sanitize/tests $(or $(FILTER),$(SLOW) $(VIOLENT))
 
