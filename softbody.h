@@ -39299,6 +39299,8 @@ static void sbi_pcg_wake_guests(const sbi_pcg_state *s)
 static void sbi_pcg_guest_residual(sbi_pcg_state *s)
 {
     sbi_pcg_wake_guests(s);
+    if (s->compact) /* it has the x of its last product */
+        sbi_pcg_run(s, sbi_pcg_spread_task);
     sbi_pcg_run(s, sbi_pcg_residual_task);
     sbi_guest_residual(s->guests, s->x, s->x, s->r);
     sbi_guest_measure(s->guests);
@@ -41983,10 +41985,31 @@ typedef struct sbi_assembly {
     struct sbi_assembly_live *live; /* of a mesh that changes, see assembly_live.h; otherwise NULL */
 } sbi_assembly;
 
+/* Cells that arrays have room for. */
+SB_INLINE int sbi_assembly_cell_room(const sb_domain *domain)
+{
+    return sbi_max_int(domain->cell_capacity, domain->cell_count);
+}
+/* The cell after the last one of a chunk. */
+SB_INLINE int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
+{
+    int begin = chunk * assembly->chunk_size;
+    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
+}
+/* Reals that a point remembers. */
+SB_INLINE size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
+
+/* ---- assembly_layout ---- */
+
 /* Takes the arrays that the domain, the matrix pattern and the number of materials ask for from the arena (measuring
  * or for real). */
 SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain, int block_count, int material_count,
                                  sbi_arena *arena);
+/* Colours the chunks; node_colours: scratch [node_count]. */
+SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
+
+/* ---- assembly ---- */
+
 /* Fills scatter maps, chunks, colours and identity rotations. node_colours: scratch [node_count]. */
 SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matrix, uint64_t *node_colours);
 /* The same for another pattern of the matrix: only where blocks are has changed. pair_start: [block_count + 1], used
@@ -42017,7 +42040,13 @@ SBI_API int sbi_assembly_multiply(sbi_assembly *assembly, const sb_vec3 *x, sb_v
 /* *energy (J) = energy at u, whose derivative the force is; returns -1 or the first inadmissible cell. Rotations
  * stay as they are. */
 SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_real *energy);
-/* ---- memory of materials with Prony terms ----
+/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
+ * sbi_assembly_begin_step(to, 0). */
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
+/* Gives up what is not of the layout. */
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator);
+
+/* ---- assembly_memory: materials with Prony terms ----
  * Within a step of dt the stress is S = S_relaxed(F) + H with H constant (quasi-linear viscoelasticity, Taylor, Pister
  * and Goudreau 1970), so that the step has the energy W_relaxed + H : E. Between steps dt is 0: energy, force and
  * tangent are those of a sudden change from the present state. Bodies without Prony terms pay one test per call. */
@@ -42025,7 +42054,6 @@ SBI_API int sbi_assembly_energy(sbi_assembly *assembly, const sb_vec3 *u, sb_rea
 /* Room for the memory of so many terms; SB_ERROR_MEMORY changes nothing. What is remembered stays. */
 SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
                                               sb_error *error);
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator);
 /* The part of the state that the memory is, one array of *bytes bytes; NULL and 0 without Prony terms. Whoever
  * overwrites it calls sbi_assembly_begin_step(assembly, 0) afterwards. */
 SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes);
@@ -42044,10 +42072,6 @@ SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly);
 SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u);
 /* One cell forgets. */
 SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u);
-/* A cell takes over the warm starts and the memory of one of another assembly with as many points and terms; then
- * sbi_assembly_begin_step(to, 0). */
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old);
-
 /* ---- assembly_turn ---- */
 
 /* Mean deformation gradient of a cell with q points; the identity where it has no weight. */
@@ -42176,6 +42200,8 @@ SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells
 SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change);
 /* Lists and colours chunks where a change has left that to be done. For all who run over chunks. */
 SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly);
+/* The energy units of all chunks, and their sum. */
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 /* Memory for another matrix of the same nodes, and its maps. */
 SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error);
 SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix);
@@ -42193,18 +42219,49 @@ SB_INLINE int sbi_live_next_pair(const sbi_assembly_live *live, int pair)
 {
     return live->pair_next[sbi_live_pair_index(pair)];
 }
-
-/* ---- assembly ---- */
-
-/* Colours the chunks; node_colours: scratch [node_count]. */
-SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours);
-/* Reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly);
-/* The energy units of all chunks, and their sum. */
-SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly);
 #endif
 
 #endif /* SB_ASSEMBLY_LIVE_H */
+
+/* ==== src/softbody/fem/assembly_cell.h ==== */
+/* assembly_cell: a cell's displacements and deformation gradients, for loops that know its numbers of nodes and points
+ * as literals. Floor 2, internal. */
+#ifndef SB_ASSEMBLY_CELL_H
+#define SB_ASSEMBLY_CELL_H
+
+
+SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
+{
+    for (int a = 0; a < n; a++) {
+        local[a][0] = u[cell[a]].x;
+        local[a][1] = u[cell[a]].y;
+        local[a][2] = u[cell[a]].z;
+    }
+}
+
+/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
+SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
+{
+    sb_mat3 f = sb_m3_identity();
+    for (int a = 0; a < n; a++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                f.m[i][j] += u[a][i] * gradients[3 * a + j];
+    return f;
+}
+
+/* Deformation gradients of all points of a cell. */
+SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
+                                            sb_mat3 *f)
+{
+    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
+    sb_real local[SB_MAX_ELEMENT_NODES][3];
+    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
+    for (int p = 0; p < q; p++)
+        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
+}
+
+#endif /* SB_ASSEMBLY_CELL_H */
 
 /* ==== src/softbody/fem/assembly_turn.c ==== */
 /* assembly_turn: the rotation that all points of a corotated cell share, and what comes with it. */
@@ -43172,18 +43229,10 @@ SBI_API void sbi_batch_tangent(sbi_assembly *assembly, sb_real factor, sb_matrix
     sbi_matrix_set_free_rows(matrix);
 }
 
-/* ==== src/softbody/fem/assembly.c ==== */
-/* assembly: loops over integration points. */
+/* ==== src/softbody/fem/assembly_layout.c ==== */
+/* assembly_layout: arrays, chunks and their colours. */
 
 #include <string.h>
-
-/* ---- set-up ---- */
-
-/* Cells that arrays have room for. */
-static int sbi_assembly_cell_room(const sb_domain *domain)
-{
-    return sbi_max_int(domain->cell_capacity, domain->cell_count);
-}
 
 static int sbi_assembly_chunk_size(int cell_count)
 {
@@ -43214,12 +43263,6 @@ SBI_API void sbi_assembly_layout(sbi_assembly *assembly, const sb_domain *domain
     assembly->chunk_bad_cell = (int *)sbi_arena_take(arena, chunks, sizeof(int));
     if (sbi_batch_fits(domain))
         sbi_batch_layout(assembly, domain, block_count, arena);
-}
-
-static int sbi_assembly_chunk_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
 }
 
 /* Nodes of a chunk, of which some may be listed more than once. */
@@ -43275,6 +43318,722 @@ SBI_API void sbi_assembly_colour(sbi_assembly *assembly, uint64_t *node_colours)
     }
     assembly->colour_start[assembly->colour_count] = position;
 }
+
+/* ==== src/softbody/fem/assembly_memory.c ==== */
+/* assembly_memory: what points of materials with Prony terms remember of viscous stress. */
+
+#include <string.h>
+
+static size_t sbi_memory_points(const sbi_assembly *assembly)
+{
+    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
+}
+
+SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
+                                              sb_error *error)
+{
+    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
+    size_t old_stride = sbi_memory_stride(assembly), stride;
+    sb_real *history, *prestress = assembly->prestress;
+    if (terms <= assembly->terms)
+        return SB_OK;
+    stride = 6 * (1 + (size_t)terms);
+    history =
+        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
+    if (!prestress)
+        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        if (!assembly->prestress)
+            sbi_free(allocator, prestress);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
+                        assembly->domain->cell_count);
+    }
+    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
+        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    assembly->terms = terms;
+    return SB_OK;
+}
+
+/* Copies the memory to the second half of its block, or back. */
+static void sbi_memory_copy(sbi_assembly *assembly, int restore)
+{
+    size_t bytes = 0, count;
+    sb_real *history = sbi_assembly_memory(assembly, &bytes);
+    count = bytes / sizeof(sb_real);
+    if (history)
+        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
+}
+
+SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
+SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
+
+SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
+{
+    if (assembly->viscous)
+        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
+}
+
+SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
+{
+    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
+    return assembly->viscous ? assembly->history : NULL;
+}
+
+/* The shares of materials with Prony terms for a step of dt. */
+static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
+{
+    int split = assembly->domain->mean_point;
+    for (int i = 0; i < assembly->material_count; i++) {
+        const sb_material *material = assembly->materials + i;
+        sb_material relaxed;
+        if (material->prony_count == 0)
+            continue;
+        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
+        for (int k = 0; k < 2; k++)
+            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
+                                                                          : k    ? SBI_SHARE_VOLUME
+                                                                                 : SBI_SHARE_SHEAR);
+    }
+}
+
+/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
+ * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
+ * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
+ * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
+static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
+{
+    const sb_real least = (sb_real)0.05;
+    if (!(J > 0))
+        return 0;
+    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
+}
+
+/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
+static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
+{
+    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
+    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
+    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
+    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
+                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
+    if (finite)
+        p = sb_m3_tmul(cofactor, p);
+    for (int k = 0; k < 6; k++) {
+        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
+        finite &= sb_is_finite(s0[k]);
+    }
+    for (int k = 0; k < 6 && !finite; k++)
+        s0[k] = 0;
+}
+
+typedef struct sbi_memory_job {
+    sbi_assembly *assembly;
+    const sb_vec3 *u; /* the end of a step of dt, or NULL */
+    sb_real dt;
+    int material; /* of the cells in question, or -1 */
+} sbi_memory_job;
+
+/* The memory of a cell moves on to the end of a step. */
+static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
+{
+    sbi_assembly *assembly = job->assembly;
+    const sb_domain *domain = assembly->domain;
+    int q = domain->points_per_cell, index = assembly->cell_material[e];
+    size_t stride = sbi_memory_stride(assembly);
+    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
+    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
+    for (int p = 0; p < q; p++) {
+        int is_mean = domain->mean_point && p == q - 1;
+        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
+        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
+        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
+        sbi_memory_instant(relaxing, &f[p], fibre, s0);
+        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
+        memcpy(point, s0, sizeof s0);
+    }
+}
+
+/* H of a cell's points for a step of dt. */
+static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
+{
+    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
+    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
+        sb_real *point = assembly->history + at * stride;
+        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
+                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
+    }
+}
+
+static void sbi_memory_chunk(void *user, int chunk)
+{
+    const sbi_memory_job *job = (const sbi_memory_job *)user;
+    sbi_assembly *assembly = job->assembly;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        int index = assembly->cell_material[e];
+        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
+            (job->material >= 0 && job->material != index))
+            continue;
+        if (job->u)
+            sbi_memory_advance_cell(job, e);
+        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
+    }
+}
+
+static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous)
+        return 0;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = dt;
+    job.material = material;
+    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
+    sbi_memory_relax(assembly, u ? 0 : dt);
+    return 1;
+}
+
+SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
+{
+    return sbi_memory_run(assembly, NULL, dt, -1);
+}
+
+SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
+{
+    return sbi_memory_run(assembly, u, dt, -1);
+}
+
+SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
+{
+    sbi_memory_job job = {NULL, NULL, 0, 0};
+    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
+        return;
+    job.assembly = assembly;
+    job.u = u;
+    job.dt = (sb_real)INFINITY;
+    sbi_memory_advance_cell(&job, cell);
+    sbi_memory_prestress_cell(assembly, cell, 0);
+}
+
+SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
+{
+    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
+}
+
+/* ==== src/softbody/fem/assembly_live.c ==== */
+/* assembly_live: rings of cells, and maps of the rows that a change touched. */
+
+#include <limits.h>
+#include <string.h>
+
+/* ---- memory -------------------------------------------------------------------------------------------- */
+
+static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
+{
+    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
+    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
+    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
+    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
+    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
+    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
+    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
+    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
+    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
+    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
+}
+
+/* Zeroed arrays of the capacities in `live`; 0: no memory. */
+static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
+{
+    sbi_arena arena = {NULL, 0, 0};
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
+    if (!live->memory)
+        return 0;
+    arena.base = (unsigned char *)live->memory;
+    arena.used = 0;
+    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
+    return 1;
+}
+
+SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    sb_allocator allocator;
+    if (!live)
+        return;
+    allocator = live->allocator;
+    sbi_free(&allocator, live->memory);
+    sbi_free(&allocator, live->arrays);
+    sbi_free(&allocator, live->inherited);
+    sbi_free(&allocator, live->memories);
+    sbi_free(&allocator, live);
+    assembly->live = NULL;
+}
+
+/* ---- rings ------------------------------------------------------------------------------------------------ */
+
+/* Puts a corner into the ring of its node. */
+static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at >= 0 && *at < corner)
+        at = live->corner_next + *at;
+    live->corner_next[corner] = *at;
+    *at = corner;
+}
+
+static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
+{
+    int *at = live->corner_first + node;
+    while (*at != corner)
+        at = live->corner_next + *at;
+    *at = live->corner_next[corner];
+}
+
+/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
+static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
+
+/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
+static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
+{
+    sbi_assembly_live *live = assembly->live;
+    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
+        live->place[matrix->columns[q]] = q;
+        live->last[matrix->columns[q]] = -1;
+        live->pair_first[q] = -1;
+    }
+    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
+        int e = corner / 4, a = corner % 4;
+        const int *cell = assembly->domain->cells + 4 * (size_t)e;
+        for (int b = 0; b < 4; b++) {
+            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
+            if (b >= a)
+                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
+            if (j <= i)
+                continue;
+            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
+            *next = pair;
+            live->last[j] = sbi_live_pair_index(pair);
+            live->pair_next[live->last[j]] = -1;
+        }
+    }
+}
+
+/* ---- chunks ------------------------------------------------------------------------------------------------ */
+
+static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
+{
+    sb_real sum = 0;
+    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
+        const sb_material *material = assembly->materials + assembly->cell_material[e];
+        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
+    }
+    assembly->live->units[chunk] = sum;
+}
+
+static void sbi_assembly_sum_units(sbi_assembly *assembly)
+{
+    assembly->energy_unit = 0;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        assembly->energy_unit += assembly->live->units[chunk];
+}
+
+SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
+{
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_weigh_chunk(assembly, chunk);
+    sbi_assembly_sum_units(assembly);
+}
+
+/* Lists the nodes of a chunk's cells. */
+static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
+{
+    const int *cells = assembly->domain->cells;
+    sbi_assembly_live *live = assembly->live;
+    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_chunk_end(assembly, chunk), count = 0;
+    for (int k = first; k < end; k++)
+        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
+            live->marks[cells[k]] = 1;
+            live->chunk_nodes[first + count++] = cells[k];
+        }
+    for (int k = first; k < first + count; k++)
+        live->marks[live->chunk_nodes[k]] = 0;
+    live->chunk_node_count[chunk] = count;
+}
+
+/* ---- making one ------------------------------------------------------------------------------------------- */
+
+SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    for (int i = 0; i < matrix->row_count; i++)
+        sbi_assembly_map_row(assembly, matrix, i);
+}
+
+static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    const sb_domain *domain = assembly->domain;
+    sbi_assembly_live *live = assembly->live;
+    for (int i = 0; i < live->node_capacity; i++)
+        live->corner_first[i] = -1;
+    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
+        if (!sbi_domain_is_free(domain, corner / 4))
+            sbi_ring_add(live, domain->cells[corner], corner);
+    }
+    sbi_assembly_map_rows(assembly, matrix);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
+}
+
+SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
+                                         sb_error *error)
+{
+    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
+    if (live) {
+        if (allocator)
+            live->allocator = *allocator;
+        live->node_capacity = matrix->live->row_capacity;
+        live->cell_capacity = assembly->domain->cell_capacity;
+        live->block_capacity = matrix->live->block_capacity;
+        live->cell_end = assembly->domain->cell_count;
+    }
+    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
+        sbi_free(allocator, live);
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
+    }
+    assembly->live = live;
+    sbi_assembly_make_rings(assembly, matrix);
+    return SB_OK;
+}
+
+/* ---- growing ---------------------------------------------------------------------------------------------- */
+
+/* Copies what cells have from arrays that were outgrown. */
+static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
+{
+    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
+    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
+    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
+    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
+    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
+    memcpy(to->shares, from->shares, materials);
+    memcpy(to->relaxing, from->relaxing, materials);
+    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
+    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
+    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
+    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
+    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
+    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
+}
+
+/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
+static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly grown = *assembly;
+    sbi_arena arena = {NULL, 0, 0};
+    int count = assembly->chunk_count;
+    void *memory;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
+    if (!memory)
+        return 0;
+    arena.base = (unsigned char *)memory;
+    arena.used = 0;
+    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
+    sbi_assembly_copy_arrays(assembly, &grown);
+    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
+    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
+    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
+    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
+    sbi_free(&assembly->live->allocator, assembly->live->arrays);
+    assembly->live->arrays = memory;
+    *assembly = grown;
+    return 1;
+}
+
+/* Viscous memory for as many cells; 0: no memory. */
+static int sbi_assembly_grow_memory(sbi_assembly *assembly)
+{
+    const sb_allocator *allocator = &assembly->live->allocator;
+    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
+    size_t used = (size_t)assembly->domain->cell_count;
+    sb_real *history, *prestress;
+    if (!assembly->history)
+        return 1;
+    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
+    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
+    if (!history || !prestress) {
+        sbi_free(allocator, history);
+        sbi_free(allocator, prestress);
+        return 0;
+    }
+    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
+    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    assembly->history = history;
+    assembly->prestress = prestress;
+    return 1;
+}
+
+/* Rings for the capacities of domain and matrix; 0: no memory. */
+static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
+{
+    sbi_assembly_live *live = assembly->live, grown = *live;
+    size_t cells = (size_t)assembly->domain->cell_count;
+    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
+    grown.cell_capacity = assembly->domain->cell_capacity;
+    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
+    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
+        return 0;
+    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
+    for (int i = live->node_capacity; i < grown.node_capacity; i++)
+        grown.corner_first[i] = -1;
+    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
+    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
+    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
+    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
+    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
+    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
+    sbi_free(&live->allocator, live->memory);
+    *live = grown;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
+{
+    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
+                                   assembly->live->node_capacity >= matrix->live->row_capacity);
+    return fits || sbi_assembly_grow_rings(assembly, matrix)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
+}
+
+/* Places to keep what parents have; 0: no memory. */
+static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    sb_quat *inherited;
+    sb_real *memories;
+    if (count <= live->inherited_capacity && stride <= live->stride)
+        return 1;
+    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
+    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
+    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
+    if (!inherited || !memories) {
+        sbi_free(&live->allocator, inherited);
+        sbi_free(&live->allocator, memories);
+        return 0;
+    }
+    sbi_free(&live->allocator, live->inherited);
+    sbi_free(&live->allocator, live->memories);
+    live->inherited = inherited;
+    live->memories = memories;
+    live->inherited_capacity = count;
+    live->stride = stride;
+    return 1;
+}
+
+SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
+{
+    return sbi_assembly_reserve_inherited(assembly, cells)
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
+}
+
+SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
+                                       sb_error *error)
+{
+    sbi_assembly_live *live = assembly->live;
+    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
+    if (more_cells)
+        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
+    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
+                 live->block_capacity < matrix->live->block_capacity))
+        made = sbi_assembly_grow_rings(assembly, matrix);
+    if (made)
+        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
+    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
+}
+
+/* ---- following -------------------------------------------------------------------------------------------- */
+
+/* Keeps rotations and memories of the parents before any slot is used again. */
+static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int parent = change->made_parents ? change->made_parents[k] : -1;
+        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
+        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
+        if (stride && parent >= 0)
+            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
+                   stride * sizeof(sb_real));
+        else if (stride)
+            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
+    }
+}
+
+/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
+static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
+{
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
+    sbi_batch_set_quat(assembly, e, rotations[1]);
+    if (!stride)
+        return;
+    if (memory)
+        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
+    else
+        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
+    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
+}
+
+static void sbi_assembly_blank(sbi_assembly *assembly, int e)
+{
+    sb_quat rotations[2];
+    rotations[0] = rotations[1] = sb_quat_identity();
+    sbi_assembly_set_history(assembly, e, rotations, NULL);
+    sbi_batch_set_cell(assembly, e);
+}
+
+static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
+{
+    const sb_domain *domain = assembly->domain;
+    const sbi_assembly_live *live = assembly->live;
+    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
+    for (int e = old_end; e < domain->cell_count; e++) {
+        assembly->live->units[e / assembly->chunk_size] = -1;
+        sbi_assembly_blank(assembly, e);
+    }
+    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
+        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
+            sbi_assembly_blank(assembly, change->removed_cells[k]);
+    for (int k = 0; k < change->made_cell_count; k++) {
+        int e = change->made_cells[k];
+        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
+        sbi_batch_set_cell(assembly, e);
+    }
+    for (int k = 0; k < change->reshaped_cell_count; k++)
+        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
+}
+
+static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
+{
+    if (live->marks[i])
+        return;
+    live->marks[i] = 1;
+    live->rows[live->row_count++] = i;
+}
+
+/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
+static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    const sb_domain *domain = assembly->domain;
+    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
+    for (int a = 0; a < 4; a++) {
+        if (now && now[a] == nodes[a])
+            assembly->live->kept[e] |= (unsigned char)(1 << a);
+        else
+            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+}
+
+static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
+{
+    for (int a = 0; a < 4; a++) {
+        if (!(assembly->live->kept[e] >> a & 1))
+            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
+        sbi_assembly_mark_row(assembly->live, nodes[a]);
+    }
+    assembly->live->kept[e] = 0;
+}
+
+/* Rings of the nodes, and the list of rows whose maps change. */
+static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    live->row_count = 0;
+    for (int k = 0; k < change->removed_cell_count; k++)
+        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < change->made_cell_count; k++)
+        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
+    for (int k = 0; k < matrix->live->touched_count; k++)
+        sbi_assembly_mark_row(live, matrix->live->touched[k]);
+    for (int k = 0; k < live->row_count; k++) {
+        live->marks[live->rows[k]] = 0;
+        if (live->rows[k] < matrix->row_count)
+            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
+    }
+}
+
+/* Marks the chunks of changed cells. */
+static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
+{
+    for (int k = 0; k < count; k++)
+        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
+}
+
+/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
+static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
+{
+    sbi_assembly_live *live = assembly->live;
+    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
+    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
+    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->units[chunk] < 0) {
+            sbi_assembly_weigh_chunk(assembly, chunk);
+            live->chunk_node_count[chunk] = -1;
+        }
+    sbi_assembly_sum_units(assembly);
+    live->colours_are_old = 1;
+}
+
+SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
+{
+    sbi_assembly_live *live = assembly->live;
+    if (!live || !live->colours_are_old)
+        return;
+    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
+        if (live->chunk_node_count[chunk] < 0)
+            sbi_assembly_list_nodes(assembly, chunk);
+    sbi_assembly_colour(assembly, live->node_colours);
+    live->colours_are_old = 0;
+}
+
+SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
+{
+    const sb_domain *domain = assembly->domain;
+    int old_end = assembly->live->cell_end;
+    sbi_assembly_read_parents(assembly, change);
+    assembly->live->cell_end = domain->cell_count;
+    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
+    sbi_assembly_follow_cells(assembly, change, old_end);
+    sbi_assembly_follow_rings(assembly, matrix, change);
+    sbi_assembly_follow_chunks(assembly, change);
+    if (assembly->viscous)
+        sbi_assembly_begin_step(assembly, 0);
+}
+
+/* ==== src/softbody/fem/assembly.c ==== */
+/* assembly: loops over integration points. */
+
+#include <string.h>
+
+/* ---- set-up ---- */
 
 static void sbi_assembly_map_blocks(sbi_assembly *assembly, const sb_matrix *matrix)
 {
@@ -43347,6 +44106,24 @@ SBI_API void sbi_assembly_prepare(sbi_assembly *assembly, const sb_matrix *matri
     sbi_assembly_reset_rotations(assembly);
 }
 
+SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
+{
+    size_t q = (size_t)to->domain->points_per_cell;
+    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
+    sbi_batch_copy_cell(to, cell, from, old);
+    if (to->history && from->history && to->terms == from->terms) {
+        size_t stride = q * sbi_memory_stride(to);
+        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
+    }
+}
+
+SBI_API void sbi_assembly_free(sbi_assembly *assembly, const sb_allocator *allocator)
+{
+    sbi_free(allocator, assembly->history);
+    sbi_free(allocator, assembly->prestress);
+    sbi_assembly_free_live(assembly);
+}
+
 /* ---- chunks on threads ---- */
 
 typedef enum sbi_assembly_work {
@@ -43385,7 +44162,7 @@ static int sbi_assembly_run(sbi_assembly_job *job)
     return -1;
 }
 
-/* ---- one cell: gather, deformation gradient ---- */
+/* ---- one cell ---- */
 
 /* What is special about a cell's points, a literal like their number: */
 enum {
@@ -43406,37 +44183,6 @@ SBI_FORCE_INLINE int sbi_cell_ordinary(const int q, const int scheme) { return q
 SBI_FORCE_INLINE const sb_material *sbi_cell_shares(const sbi_assembly *assembly, int e)
 {
     return assembly->shares + 2 * (size_t)assembly->cell_material[e];
-}
-
-SBI_FORCE_INLINE void sbi_cell_gather(const int *cell, const sb_vec3 *u, const int n, sb_real (*local)[3])
-{
-    for (int a = 0; a < n; a++) {
-        local[a][0] = u[cell[a]].x;
-        local[a][1] = u[cell[a]].y;
-        local[a][2] = u[cell[a]].z;
-    }
-}
-
-/* F = I + sum_a u_a g_a^T: displacements, not positions, so that rest is exact wherever the mesh lies. */
-SBI_FORCE_INLINE sb_mat3 sbi_cell_deformation(const sb_real (*u)[3], const sb_real *gradients, const int n)
-{
-    sb_mat3 f = sb_m3_identity();
-    for (int a = 0; a < n; a++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                f.m[i][j] += u[a][i] * gradients[3 * a + j];
-    return f;
-}
-
-/* Deformation gradients of all points of a cell. */
-SBI_FORCE_INLINE void sbi_cell_deformations(const sb_domain *domain, int e, const sb_vec3 *u, const int n, const int q,
-                                            sb_mat3 *f)
-{
-    const sb_real *gradients = domain->gradients + (size_t)e * (size_t)q * 3 * (size_t)n;
-    sb_real local[SB_MAX_ELEMENT_NODES][3];
-    sbi_cell_gather(domain->cells + (size_t)e * (size_t)n, u, n, local);
-    for (int p = 0; p < q; p++)
-        f[p] = sbi_cell_deformation((const sb_real(*)[3])local, gradients + p * 3 * n, n);
 }
 
 /* Updates the rotations of a cell of corotated material. Returns 1 when all points share one: by choice (single), or
@@ -43901,76 +44647,7 @@ static void sbi_assembly_chunk(void *user, int index)
     assembly->chunk_bad_cell[chunk] = bad;
 }
 
-/* ---- memory of materials with Prony terms ---- */
-
-/* Number of reals that a point remembers. */
-SBI_API size_t sbi_memory_stride(const sbi_assembly *assembly) { return 6 * (1 + (size_t)assembly->terms); }
-
-static size_t sbi_memory_points(const sbi_assembly *assembly)
-{
-    return (size_t)assembly->domain->cell_count * (size_t)assembly->domain->points_per_cell;
-}
-
-SBI_API sb_result sbi_assembly_reserve_memory(sbi_assembly *assembly, int terms, const sb_allocator *allocator,
-                                              sb_error *error)
-{
-    size_t points = (size_t)sbi_assembly_cell_room(assembly->domain) * (size_t)assembly->domain->points_per_cell;
-    size_t old_stride = sbi_memory_stride(assembly), stride;
-    sb_real *history, *prestress = assembly->prestress;
-    if (terms <= assembly->terms)
-        return SB_OK;
-    stride = 6 * (1 + (size_t)terms);
-    history =
-        (sb_real *)sbi_alloc_zeroed(allocator, points, 2 * stride * sizeof(sb_real)); /* and what is saved of it */
-    if (!prestress)
-        prestress = (sb_real *)sbi_alloc_zeroed(allocator, points, 6 * sizeof(sb_real));
-    if (!history || !prestress) {
-        sbi_free(allocator, history);
-        if (!assembly->prestress)
-            sbi_free(allocator, prestress);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the %d Prony terms of %d elements", terms,
-                        assembly->domain->cell_count);
-    }
-    for (size_t p = 0; assembly->history && p < sbi_memory_points(assembly); p++)
-        memcpy(history + p * stride, assembly->history + p * old_stride, old_stride * sizeof(sb_real));
-    sbi_free(allocator, assembly->history);
-    assembly->history = history;
-    assembly->prestress = prestress;
-    assembly->terms = terms;
-    return SB_OK;
-}
-
-/* Copies the memory to the second half of its block, or back. */
-static void sbi_memory_copy(sbi_assembly *assembly, int restore)
-{
-    size_t bytes = 0, count;
-    sb_real *history = sbi_assembly_memory(assembly, &bytes);
-    count = bytes / sizeof(sb_real);
-    if (history)
-        memcpy(restore ? history : history + count, restore ? history + count : history, bytes);
-}
-
-SBI_API void sbi_assembly_save_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 0); }
-SBI_API void sbi_assembly_restore_memory(sbi_assembly *assembly) { sbi_memory_copy(assembly, 1); }
-
-SBI_API void sbi_assembly_drop_prestress(sbi_assembly *assembly)
-{
-    if (assembly->viscous)
-        memset(assembly->prestress, 0, sbi_memory_points(assembly) * 6 * sizeof(sb_real));
-}
-
-SBI_API void sbi_assembly_free_memory(sbi_assembly *assembly, const sb_allocator *allocator)
-{
-    sbi_free(allocator, assembly->history);
-    sbi_free(allocator, assembly->prestress);
-    sbi_assembly_free_live(assembly);
-}
-
-SBI_API sb_real *sbi_assembly_memory(sbi_assembly *assembly, size_t *bytes)
-{
-    *bytes = assembly->viscous ? sbi_memory_points(assembly) * sbi_memory_stride(assembly) * sizeof(sb_real) : 0;
-    return assembly->viscous ? assembly->history : NULL;
-}
+/* ---- entry points ---- */
 
 /* Shares of the materials as they are, and of what relaxes of them. */
 static void sbi_assembly_derive(sbi_assembly *assembly)
@@ -43986,160 +44663,6 @@ static void sbi_assembly_derive(sbi_assembly *assembly)
         }
     }
 }
-
-/* The shares of materials with Prony terms for a step of dt. */
-static void sbi_memory_relax(sbi_assembly *assembly, sb_real dt)
-{
-    int split = assembly->domain->mean_point;
-    for (int i = 0; i < assembly->material_count; i++) {
-        const sb_material *material = assembly->materials + i;
-        sb_material relaxed;
-        if (material->prony_count == 0)
-            continue;
-        relaxed = sbi_material_relaxed(material, sbi_prony_factor(material, dt));
-        for (int k = 0; k < 2; k++)
-            assembly->shares[2 * i + k] = sbi_material_share_of(&relaxed, !split ? SBI_SHARE_WHOLE
-                                                                          : k    ? SBI_SHARE_VOLUME
-                                                                                 : SBI_SHARE_SHEAR);
-    }
-}
-
-/* What J F^-1 P is to be multiplied with for the S0 that a point remembers: 1/J, but nothing where a model that may be
- * inside out is, and a continuous way between. S would grow without bound towards J = 0, where such a model has no
- * energy to keep it away, and the memory would hold the point there; this way S0 is bounded by |cof F| |P| / least, and
- * a point inside out forgets. Models with a barrier at J = 0 remember everything. */
-static sb_real sbi_memory_weight(sb_material_model model, sb_real J)
-{
-    const sb_real least = (sb_real)0.05;
-    if (!(J > 0))
-        return 0;
-    return J < least && sb_material_allows_inversion(model) ? J / (least * least) : 1 / J;
-}
-
-/* s0 = F^-1 P of a relaxing share; 0 where there is none. fibre may be NULL. */
-static void sbi_memory_instant(const sb_material *relaxing, const sb_mat3 *f, const sb_vec3 *fibre, sb_real s0[6])
-{
-    static const int row[6] = {0, 1, 2, 0, 1, 0}, column[6] = {0, 1, 2, 1, 2, 2};
-    sb_mat3 p = sb_m3_zero(), cofactor = sb_m3_cofactor(*f);
-    sb_real weight = sbi_memory_weight(relaxing->model, sb_v3_dot(sb_m3_column(*f, 0), sb_m3_column(cofactor, 0)));
-    int finite = weight > 0 && sb_material_stress(relaxing, f, NULL, &p) &&
-                 (!fibre || sbi_fibre_stress(relaxing, f, *fibre, &p));
-    if (finite)
-        p = sb_m3_tmul(cofactor, p);
-    for (int k = 0; k < 6; k++) {
-        s0[k] = finite ? (sb_real)0.5 * weight * (p.m[row[k]][column[k]] + p.m[column[k]][row[k]]) : 0;
-        finite &= sb_is_finite(s0[k]);
-    }
-    for (int k = 0; k < 6 && !finite; k++)
-        s0[k] = 0;
-}
-
-typedef struct sbi_memory_job {
-    sbi_assembly *assembly;
-    const sb_vec3 *u; /* the end of a step of dt, or NULL */
-    sb_real dt;
-    int material; /* of the cells in question, or -1 */
-} sbi_memory_job;
-
-/* The memory of a cell moves on to the end of a step. */
-static void sbi_memory_advance_cell(const sbi_memory_job *job, int e)
-{
-    sbi_assembly *assembly = job->assembly;
-    const sb_domain *domain = assembly->domain;
-    int q = domain->points_per_cell, index = assembly->cell_material[e];
-    size_t stride = sbi_memory_stride(assembly);
-    sb_mat3 f[SB_MAX_QUADRATURE_POINTS];
-    sbi_cell_deformations(domain, e, job->u, domain->nodes_per_cell, q, f);
-    for (int p = 0; p < q; p++) {
-        int is_mean = domain->mean_point && p == q - 1;
-        const sb_material *relaxing = assembly->relaxing + 2 * index + is_mean;
-        const sb_vec3 *fibre = relaxing->fibre_stiffness > 0 && !is_mean ? assembly->fibres + e : NULL;
-        sb_real *point = assembly->history + ((size_t)e * (size_t)q + (size_t)p) * stride, s0[6];
-        sbi_memory_instant(relaxing, &f[p], fibre, s0);
-        sbi_prony_advance(assembly->materials + index, job->dt, point, s0, (sb_real(*)[6])(point + 6));
-        memcpy(point, s0, sizeof s0);
-    }
-}
-
-/* H of a cell's points for a step of dt. */
-static void sbi_memory_prestress_cell(sbi_assembly *assembly, int e, sb_real dt)
-{
-    size_t stride = sbi_memory_stride(assembly), q = (size_t)assembly->domain->points_per_cell;
-    for (size_t at = (size_t)e * q; at < (size_t)(e + 1) * q; at++) {
-        sb_real *point = assembly->history + at * stride;
-        sbi_prony_prestress(assembly->materials + assembly->cell_material[e], dt, point,
-                            (const sb_real(*)[6])(point + 6), assembly->prestress + 6 * at);
-    }
-}
-
-static void sbi_memory_chunk(void *user, int chunk)
-{
-    const sbi_memory_job *job = (const sbi_memory_job *)user;
-    sbi_assembly *assembly = job->assembly;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_chunk_end(assembly, chunk); e++) {
-        int index = assembly->cell_material[e];
-        if (sbi_domain_is_free(assembly->domain, e) || assembly->materials[index].prony_count == 0 ||
-            (job->material >= 0 && job->material != index))
-            continue;
-        if (job->u)
-            sbi_memory_advance_cell(job, e);
-        sbi_memory_prestress_cell(assembly, e, job->u ? 0 : job->dt);
-    }
-}
-
-static int sbi_memory_run(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt, int material)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous)
-        return 0;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = dt;
-    job.material = material;
-    sbi_run(assembly->jobs, sbi_memory_chunk, &job, assembly->chunk_count);
-    sbi_memory_relax(assembly, u ? 0 : dt);
-    return 1;
-}
-
-SBI_API int sbi_assembly_begin_step(sbi_assembly *assembly, sb_real dt)
-{
-    return sbi_memory_run(assembly, NULL, dt, -1);
-}
-
-SBI_API int sbi_assembly_end_step(sbi_assembly *assembly, const sb_vec3 *u, sb_real dt)
-{
-    return sbi_memory_run(assembly, u, dt, -1);
-}
-
-SBI_API void sbi_assembly_forget_cell(sbi_assembly *assembly, int cell, const sb_vec3 *u)
-{
-    sbi_memory_job job = {NULL, NULL, 0, 0};
-    if (!assembly->viscous || assembly->materials[assembly->cell_material[cell]].prony_count == 0)
-        return;
-    job.assembly = assembly;
-    job.u = u;
-    job.dt = (sb_real)INFINITY;
-    sbi_memory_advance_cell(&job, cell);
-    sbi_memory_prestress_cell(assembly, cell, 0);
-}
-
-SBI_API void sbi_assembly_copy_cell(sbi_assembly *to, int cell, const sbi_assembly *from, int old)
-{
-    size_t q = (size_t)to->domain->points_per_cell;
-    memcpy(to->rotations + (size_t)cell * q, from->rotations + (size_t)old * q, q * sizeof *to->rotations);
-    sbi_batch_copy_cell(to, cell, from, old);
-    if (to->history && from->history && to->terms == from->terms) {
-        size_t stride = q * sbi_memory_stride(to);
-        memcpy(to->history + (size_t)cell * stride, from->history + (size_t)old * stride, stride * sizeof(sb_real));
-    }
-}
-
-SBI_API void sbi_assembly_forget(sbi_assembly *assembly, int material, const sb_vec3 *u)
-{
-    sbi_memory_run(assembly, u, (sb_real)INFINITY, material);
-}
-
-/* ---- entry points ---- */
 
 SBI_API void sbi_assembly_set_materials(sbi_assembly *assembly, const sb_material *materials, int material_count,
                                         const int *cell_material)
@@ -44242,516 +44765,6 @@ SBI_API void sbi_assembly_points(const sbi_assembly *assembly, const sb_vec3 *u,
         rotation[i] = start[i];
     sbi_cell_deformations(domain, cell, u, domain->nodes_per_cell, q, f);
     sbi_cell_stresses(assembly, cell, u, f, q, sbi_cell_scheme(domain), rotation, p, admissible);
-}
-
-/* ==== src/softbody/fem/assembly_live.c ==== */
-/* assembly_live: rings of cells, and maps of the rows that a change touched. */
-
-#include <limits.h>
-#include <string.h>
-
-/* ---- memory -------------------------------------------------------------------------------------------- */
-
-static void sbi_assembly_live_layout(sbi_assembly_live *live, size_t chunk_size, sbi_arena *arena)
-{
-    size_t nodes = (size_t)live->node_capacity, cells = (size_t)live->cell_capacity;
-    live->node_colours = (uint64_t *)sbi_arena_take(arena, nodes, sizeof(uint64_t));
-    live->units = (sb_real *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(sb_real));
-    live->chunk_nodes = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->chunk_node_count = (int *)sbi_arena_take(arena, cells / chunk_size + 1, sizeof(int));
-    live->corner_first = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->corner_next = (int *)sbi_arena_take(arena, cells, 4 * sizeof(int));
-    live->pair_first = (int *)sbi_arena_take(arena, (size_t)live->block_capacity, sizeof(int));
-    live->pair_next = (int *)sbi_arena_take(arena, cells, 6 * sizeof(int));
-    live->place = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->last = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->rows = (int *)sbi_arena_take(arena, nodes, sizeof(int));
-    live->marks = (unsigned char *)sbi_arena_take(arena, nodes, 1);
-    live->kept = (unsigned char *)sbi_arena_take(arena, cells, 1);
-}
-
-/* Zeroed arrays of the capacities in `live`; 0: no memory. */
-static int sbi_assembly_live_take(sbi_assembly_live *live, int chunk_size)
-{
-    sbi_arena arena = {NULL, 0, 0};
-    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
-    live->memory = arena.overflow ? NULL : sbi_alloc_zeroed(&live->allocator, arena.used, 1);
-    if (!live->memory)
-        return 0;
-    arena.base = (unsigned char *)live->memory;
-    arena.used = 0;
-    sbi_assembly_live_layout(live, (size_t)chunk_size, &arena);
-    return 1;
-}
-
-SBI_API void sbi_assembly_free_live(sbi_assembly *assembly)
-{
-    sbi_assembly_live *live = assembly->live;
-    sb_allocator allocator;
-    if (!live)
-        return;
-    allocator = live->allocator;
-    sbi_free(&allocator, live->memory);
-    sbi_free(&allocator, live->arrays);
-    sbi_free(&allocator, live->inherited);
-    sbi_free(&allocator, live->memories);
-    sbi_free(&allocator, live);
-    assembly->live = NULL;
-}
-
-/* ---- rings ------------------------------------------------------------------------------------------------ */
-
-/* Puts a corner into the ring of its node. */
-static void sbi_ring_add(sbi_assembly_live *live, int node, int corner)
-{
-    int *at = live->corner_first + node;
-    while (*at >= 0 && *at < corner)
-        at = live->corner_next + *at;
-    live->corner_next[corner] = *at;
-    *at = corner;
-}
-
-static void sbi_ring_remove(sbi_assembly_live *live, int node, int corner)
-{
-    int *at = live->corner_first + node;
-    while (*at != corner)
-        at = live->corner_next + *at;
-    *at = live->corner_next[corner];
-}
-
-/* Number of the pair (a, b), a <= b, of a tet's nodes in scatter maps. */
-static int sbi_live_scatter_place(int a, int b) { return a * (9 - a) / 2 + b - a; }
-
-/* Where the blocks of row i are: for cells, and the rings of pairs of those above the diagonal. */
-static void sbi_assembly_map_row(sbi_assembly *assembly, const sb_matrix *matrix, int i)
-{
-    sbi_assembly_live *live = assembly->live;
-    for (int q = matrix->row_start[i]; q < matrix->row_end[i]; q++) {
-        live->place[matrix->columns[q]] = q;
-        live->last[matrix->columns[q]] = -1;
-        live->pair_first[q] = -1;
-    }
-    for (int corner = live->corner_first[i]; corner >= 0; corner = live->corner_next[corner]) {
-        int e = corner / 4, a = corner % 4;
-        const int *cell = assembly->domain->cells + 4 * (size_t)e;
-        for (int b = 0; b < 4; b++) {
-            int j = cell[b], place = live->place[j], pair = sbi_batch_pair(e, a, b), *next;
-            if (b >= a)
-                assembly->scatter[10 * (size_t)e + (size_t)sbi_live_scatter_place(a, b)] = place;
-            if (j <= i)
-                continue;
-            next = live->last[j] < 0 ? live->pair_first + place : live->pair_next + live->last[j];
-            *next = pair;
-            live->last[j] = sbi_live_pair_index(pair);
-            live->pair_next[live->last[j]] = -1;
-        }
-    }
-}
-
-/* ---- chunks ------------------------------------------------------------------------------------------------ */
-
-static int sbi_assembly_live_end(const sbi_assembly *assembly, int chunk)
-{
-    int begin = chunk * assembly->chunk_size;
-    return begin + sbi_min_int(assembly->chunk_size, assembly->domain->cell_count - begin);
-}
-
-static void sbi_assembly_weigh_chunk(sbi_assembly *assembly, int chunk)
-{
-    sb_real sum = 0;
-    for (int e = chunk * assembly->chunk_size; e < sbi_assembly_live_end(assembly, chunk); e++) {
-        const sb_material *material = assembly->materials + assembly->cell_material[e];
-        sum += assembly->domain->weights[e] * (material->lambda + 2 * material->mu);
-    }
-    assembly->live->units[chunk] = sum;
-}
-
-static void sbi_assembly_sum_units(sbi_assembly *assembly)
-{
-    assembly->energy_unit = 0;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        assembly->energy_unit += assembly->live->units[chunk];
-}
-
-SBI_API void sbi_assembly_weigh_all(sbi_assembly *assembly)
-{
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_weigh_chunk(assembly, chunk);
-    sbi_assembly_sum_units(assembly);
-}
-
-/* Lists the nodes of a chunk's cells. */
-static void sbi_assembly_list_nodes(sbi_assembly *assembly, int chunk)
-{
-    const int *cells = assembly->domain->cells;
-    sbi_assembly_live *live = assembly->live;
-    int first = 4 * chunk * assembly->chunk_size, end = 4 * sbi_assembly_live_end(assembly, chunk), count = 0;
-    for (int k = first; k < end; k++)
-        if (!sbi_domain_is_free(assembly->domain, k / 4) && !live->marks[cells[k]]) {
-            live->marks[cells[k]] = 1;
-            live->chunk_nodes[first + count++] = cells[k];
-        }
-    for (int k = first; k < first + count; k++)
-        live->marks[live->chunk_nodes[k]] = 0;
-    live->chunk_node_count[chunk] = count;
-}
-
-/* ---- making one ------------------------------------------------------------------------------------------- */
-
-SBI_API void sbi_assembly_map_rows(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    for (int i = 0; i < matrix->row_count; i++)
-        sbi_assembly_map_row(assembly, matrix, i);
-}
-
-static void sbi_assembly_make_rings(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    const sb_domain *domain = assembly->domain;
-    sbi_assembly_live *live = assembly->live;
-    for (int i = 0; i < live->node_capacity; i++)
-        live->corner_first[i] = -1;
-    for (int corner = 4 * domain->cell_count; corner-- > 0;) {
-        if (!sbi_domain_is_free(domain, corner / 4))
-            sbi_ring_add(live, domain->cells[corner], corner);
-    }
-    sbi_assembly_map_rows(assembly, matrix);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        sbi_assembly_list_nodes(assembly, chunk);
-    sbi_assembly_colour(assembly, live->node_colours);
-}
-
-SBI_API sb_result sbi_assembly_make_live(sbi_assembly *assembly, const sb_matrix *matrix, const sb_allocator *allocator,
-                                         sb_error *error)
-{
-    sbi_assembly_live *live = (sbi_assembly_live *)sbi_alloc_zeroed(allocator, 1, sizeof *live);
-    if (live) {
-        if (allocator)
-            live->allocator = *allocator;
-        live->node_capacity = matrix->live->row_capacity;
-        live->cell_capacity = assembly->domain->cell_capacity;
-        live->block_capacity = matrix->live->block_capacity;
-        live->cell_end = assembly->domain->cell_count;
-    }
-    if (!live || !sbi_assembly_live_take(live, assembly->chunk_size)) {
-        sbi_free(allocator, live);
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d cells", assembly->domain->cell_count);
-    }
-    assembly->live = live;
-    sbi_assembly_make_rings(assembly, matrix);
-    return SB_OK;
-}
-
-/* ---- growing ---------------------------------------------------------------------------------------------- */
-
-/* Copies what cells have from arrays that were outgrown. */
-static void sbi_assembly_copy_arrays(const sbi_assembly *from, sbi_assembly *to)
-{
-    size_t cells = (size_t)from->domain->cell_count, lane = SB_POLAR_LANES * sizeof(sb_real);
-    size_t batches = (cells + SB_POLAR_LANES - 1) / SB_POLAR_LANES;
-    size_t materials = (size_t)from->material_count * 2 * sizeof(sb_material);
-    memcpy(to->rotations, from->rotations, cells * sizeof(sb_quat));
-    memcpy(to->saved_rotations, from->saved_rotations, cells * sizeof(sb_quat));
-    memcpy(to->shares, from->shares, materials);
-    memcpy(to->relaxing, from->relaxing, materials);
-    memcpy(to->scatter, from->scatter, cells * 10 * sizeof(int));
-    memcpy(to->batch_gradients, from->batch_gradients, batches * 9 * lane);
-    memcpy(to->batch_moduli, from->batch_moduli, batches * 3 * lane);
-    memcpy(to->batch_quats, from->batch_quats, batches * 4 * lane);
-    memcpy(to->saved_batch_quats, from->saved_batch_quats, batches * 4 * lane);
-    memcpy(to->ratios, from->ratios, cells * sizeof(sb_real));
-}
-
-/* The assembly's own arrays for the cells that the domain has room for; 0: no memory. */
-static int sbi_assembly_grow_arrays(sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    sbi_assembly grown = *assembly;
-    sbi_arena arena = {NULL, 0, 0};
-    int count = assembly->chunk_count;
-    void *memory;
-    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
-    memory = arena.overflow ? NULL : sbi_alloc_zeroed(&assembly->live->allocator, arena.used, 1);
-    if (!memory)
-        return 0;
-    arena.base = (unsigned char *)memory;
-    arena.used = 0;
-    sbi_assembly_layout(&grown, assembly->domain, matrix->block_count, assembly->material_count, &arena);
-    sbi_assembly_copy_arrays(assembly, &grown);
-    memcpy(grown.colour_start, assembly->colour_start, (size_t)(assembly->colour_count + 1) * sizeof(int));
-    memcpy(grown.colour_chunks, assembly->colour_chunks, (size_t)count * sizeof(int));
-    memcpy(grown.chunk_energy, assembly->chunk_energy, (size_t)count * sizeof(sb_real));
-    memcpy(grown.chunk_bad_cell, assembly->chunk_bad_cell, (size_t)count * sizeof(int));
-    sbi_free(&assembly->live->allocator, assembly->live->arrays);
-    assembly->live->arrays = memory;
-    *assembly = grown;
-    return 1;
-}
-
-/* Viscous memory for as many cells; 0: no memory. */
-static int sbi_assembly_grow_memory(sbi_assembly *assembly)
-{
-    const sb_allocator *allocator = &assembly->live->allocator;
-    size_t stride = sbi_memory_stride(assembly), cells = (size_t)assembly->domain->cell_capacity;
-    size_t used = (size_t)assembly->domain->cell_count;
-    sb_real *history, *prestress;
-    if (!assembly->history)
-        return 1;
-    history = (sb_real *)sbi_alloc_zeroed(allocator, cells, 2 * stride * sizeof(sb_real));
-    prestress = (sb_real *)sbi_alloc_zeroed(allocator, cells, 6 * sizeof(sb_real));
-    if (!history || !prestress) {
-        sbi_free(allocator, history);
-        sbi_free(allocator, prestress);
-        return 0;
-    }
-    memcpy(history, assembly->history, used * stride * sizeof(sb_real));
-    memcpy(prestress, assembly->prestress, used * 6 * sizeof(sb_real));
-    sbi_free(allocator, assembly->history);
-    sbi_free(allocator, assembly->prestress);
-    assembly->history = history;
-    assembly->prestress = prestress;
-    return 1;
-}
-
-/* Rings for the capacities of domain and matrix; 0: no memory. */
-static int sbi_assembly_grow_rings(const sbi_assembly *assembly, const sb_matrix *matrix)
-{
-    sbi_assembly_live *live = assembly->live, grown = *live;
-    size_t cells = (size_t)assembly->domain->cell_count;
-    grown.node_capacity = sbi_max_int(live->node_capacity, matrix->live->row_capacity);
-    grown.cell_capacity = assembly->domain->cell_capacity;
-    grown.block_capacity = sbi_max_int(live->block_capacity, matrix->live->block_capacity);
-    if (!sbi_assembly_live_take(&grown, assembly->chunk_size))
-        return 0;
-    memcpy(grown.corner_first, live->corner_first, (size_t)live->node_capacity * sizeof(int));
-    for (int i = live->node_capacity; i < grown.node_capacity; i++)
-        grown.corner_first[i] = -1;
-    memcpy(grown.corner_next, live->corner_next, cells * 4 * sizeof(int));
-    memcpy(grown.pair_first, live->pair_first, (size_t)live->block_capacity * sizeof(int));
-    memcpy(grown.pair_next, live->pair_next, cells * 6 * sizeof(int));
-    memcpy(grown.units, live->units, (size_t)assembly->chunk_count * sizeof(sb_real));
-    memcpy(grown.chunk_nodes, live->chunk_nodes, cells * 4 * sizeof(int));
-    memcpy(grown.chunk_node_count, live->chunk_node_count, (size_t)assembly->chunk_count * sizeof(int));
-    sbi_free(&live->allocator, live->memory);
-    *live = grown;
-    return 1;
-}
-
-SBI_API sb_result sbi_assembly_reserve_remap(const sbi_assembly *assembly, const sb_matrix *matrix, sb_error *error)
-{
-    int fits = !assembly->live || (assembly->live->block_capacity >= matrix->live->block_capacity &&
-                                   assembly->live->node_capacity >= matrix->live->row_capacity);
-    return fits || sbi_assembly_grow_rings(assembly, matrix)
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the rings of %d blocks", matrix->block_count);
-}
-
-/* Places to keep what parents have; 0: no memory. */
-static int sbi_assembly_reserve_inherited(sbi_assembly *assembly, int count)
-{
-    sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    sb_quat *inherited;
-    sb_real *memories;
-    if (count <= live->inherited_capacity && stride <= live->stride)
-        return 1;
-    count = sbi_max_int(count > INT_MAX / 2 ? count : 2 * count, live->inherited_capacity);
-    inherited = (sb_quat *)sbi_alloc(&live->allocator, (size_t)count, 2 * sizeof(sb_quat));
-    memories = (sb_real *)sbi_alloc(&live->allocator, (size_t)count, (stride + 1) * sizeof(sb_real));
-    if (!inherited || !memories) {
-        sbi_free(&live->allocator, inherited);
-        sbi_free(&live->allocator, memories);
-        return 0;
-    }
-    sbi_free(&live->allocator, live->inherited);
-    sbi_free(&live->allocator, live->memories);
-    live->inherited = inherited;
-    live->memories = memories;
-    live->inherited_capacity = count;
-    live->stride = stride;
-    return 1;
-}
-
-SBI_API sb_result sbi_assembly_reserve_parents(sbi_assembly *assembly, int cells, sb_error *error)
-{
-    return sbi_assembly_reserve_inherited(assembly, cells)
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for changes of %d cells", cells);
-}
-
-SBI_API sb_result sbi_assembly_reserve(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change,
-                                       sb_error *error)
-{
-    sbi_assembly_live *live = assembly->live;
-    int more_cells = live->cell_capacity < assembly->domain->cell_capacity, made = 1;
-    if (more_cells)
-        made = sbi_assembly_grow_memory(assembly) && sbi_assembly_grow_arrays(assembly, matrix);
-    if (made && (more_cells || live->node_capacity < matrix->live->row_capacity ||
-                 live->block_capacity < matrix->live->block_capacity))
-        made = sbi_assembly_grow_rings(assembly, matrix);
-    if (made)
-        made = sbi_assembly_reserve_inherited(assembly, change->made_cell_count);
-    return made ? SB_OK : sbi_fail(error, SB_ERROR_MEMORY, "no memory for an assembly of %d cells", change->cell_end);
-}
-
-/* ---- following -------------------------------------------------------------------------------------------- */
-
-/* Keeps rotations and memories of the parents before any slot is used again. */
-static void sbi_assembly_read_parents(sbi_assembly *assembly, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int k = 0; k < change->made_cell_count; k++) {
-        int parent = change->made_parents ? change->made_parents[k] : -1;
-        live->inherited[2 * (size_t)k] = parent < 0 ? sb_quat_identity() : assembly->rotations[parent];
-        live->inherited[2 * (size_t)k + 1] = parent < 0 ? sb_quat_identity() : sbi_batch_get_quat(assembly, parent);
-        if (stride && parent >= 0)
-            memcpy(live->memories + (size_t)k * stride, assembly->history + (size_t)parent * stride,
-                   stride * sizeof(sb_real));
-        else if (stride)
-            memset(live->memories + (size_t)k * stride, 0, stride * sizeof(sb_real));
-    }
-}
-
-/* A cell's rotations (of the loops that take any material, and of the batches) and its memory; NULL: nothing. */
-static void sbi_assembly_set_history(sbi_assembly *assembly, int e, const sb_quat rotations[2], const sb_real *memory)
-{
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    assembly->rotations[e] = assembly->saved_rotations[e] = rotations[0];
-    sbi_batch_set_quat(assembly, e, rotations[1]);
-    if (!stride)
-        return;
-    if (memory)
-        memcpy(assembly->history + (size_t)e * stride, memory, stride * sizeof(sb_real));
-    else
-        memset(assembly->history + (size_t)e * stride, 0, stride * sizeof(sb_real));
-    memset(assembly->prestress + 6 * (size_t)e, 0, 6 * sizeof(sb_real));
-}
-
-static void sbi_assembly_blank(sbi_assembly *assembly, int e)
-{
-    sb_quat rotations[2];
-    rotations[0] = rotations[1] = sb_quat_identity();
-    sbi_assembly_set_history(assembly, e, rotations, NULL);
-    sbi_batch_set_cell(assembly, e);
-}
-
-static void sbi_assembly_follow_cells(sbi_assembly *assembly, const sbi_mesh_change *change, int old_end)
-{
-    const sb_domain *domain = assembly->domain;
-    const sbi_assembly_live *live = assembly->live;
-    size_t stride = assembly->history ? sbi_memory_stride(assembly) : 0;
-    for (int e = old_end; e < domain->cell_count; e++) {
-        assembly->live->units[e / assembly->chunk_size] = -1;
-        sbi_assembly_blank(assembly, e);
-    }
-    for (int k = 0; k < change->removed_cell_count; k++) /* others are made below */
-        if (change->removed_cells[k] < domain->cell_count && sbi_domain_is_free(domain, change->removed_cells[k]))
-            sbi_assembly_blank(assembly, change->removed_cells[k]);
-    for (int k = 0; k < change->made_cell_count; k++) {
-        int e = change->made_cells[k];
-        sbi_assembly_set_history(assembly, e, live->inherited + 2 * (size_t)k, live->memories + (size_t)k * stride);
-        sbi_batch_set_cell(assembly, e);
-    }
-    for (int k = 0; k < change->reshaped_cell_count; k++)
-        sbi_batch_set_cell(assembly, change->reshaped_cells[k]);
-}
-
-static void sbi_assembly_mark_row(sbi_assembly_live *live, int i)
-{
-    if (live->marks[i])
-        return;
-    live->marks[i] = 1;
-    live->rows[live->row_count++] = i;
-}
-
-/* Takes a cell's corners out of the rings, but where one made in its slot has the same node. */
-static void sbi_assembly_leave_rings(sbi_assembly *assembly, int e, const int *nodes)
-{
-    const sb_domain *domain = assembly->domain;
-    const int *now = e < domain->cell_count && !sbi_domain_is_free(domain, e) ? domain->cells + 4 * (size_t)e : NULL;
-    for (int a = 0; a < 4; a++) {
-        if (now && now[a] == nodes[a])
-            assembly->live->kept[e] |= (unsigned char)(1 << a);
-        else
-            sbi_ring_remove(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
-    }
-}
-
-static void sbi_assembly_join_rings(sbi_assembly *assembly, int e, const int *nodes)
-{
-    for (int a = 0; a < 4; a++) {
-        if (!(assembly->live->kept[e] >> a & 1))
-            sbi_ring_add(assembly->live, nodes[a], 4 * e + a);
-        sbi_assembly_mark_row(assembly->live, nodes[a]);
-    }
-    assembly->live->kept[e] = 0;
-}
-
-/* Rings of the nodes, and the list of rows whose maps change. */
-static void sbi_assembly_follow_rings(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    live->row_count = 0;
-    for (int k = 0; k < change->removed_cell_count; k++)
-        sbi_assembly_leave_rings(assembly, change->removed_cells[k], change->removed_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < change->made_cell_count; k++)
-        sbi_assembly_join_rings(assembly, change->made_cells[k], change->made_cell_nodes + 4 * (size_t)k);
-    for (int k = 0; k < matrix->live->touched_count; k++)
-        sbi_assembly_mark_row(live, matrix->live->touched[k]);
-    for (int k = 0; k < live->row_count; k++) {
-        live->marks[live->rows[k]] = 0;
-        if (live->rows[k] < matrix->row_count)
-            sbi_assembly_map_row(assembly, matrix, live->rows[k]);
-    }
-}
-
-/* Marks the chunks of changed cells. */
-static void sbi_assembly_mark_chunks(sbi_assembly *assembly, int count, const int *cells)
-{
-    for (int k = 0; k < count; k++)
-        assembly->live->units[cells[k] / assembly->chunk_size] = -1;
-}
-
-/* Energy units of chunks with changed cells; their nodes, and all colours, are left to the next loop. */
-static void sbi_assembly_follow_chunks(sbi_assembly *assembly, const sbi_mesh_change *change)
-{
-    sbi_assembly_live *live = assembly->live;
-    sbi_assembly_mark_chunks(assembly, change->removed_cell_count, change->removed_cells);
-    sbi_assembly_mark_chunks(assembly, change->made_cell_count, change->made_cells);
-    sbi_assembly_mark_chunks(assembly, change->reshaped_cell_count, change->reshaped_cells);
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->units[chunk] < 0) {
-            sbi_assembly_weigh_chunk(assembly, chunk);
-            live->chunk_node_count[chunk] = -1;
-        }
-    sbi_assembly_sum_units(assembly);
-    live->colours_are_old = 1;
-}
-
-SBI_API void sbi_assembly_settle_colours(sbi_assembly *assembly)
-{
-    sbi_assembly_live *live = assembly->live;
-    if (!live || !live->colours_are_old)
-        return;
-    for (int chunk = 0; chunk < assembly->chunk_count; chunk++)
-        if (live->chunk_node_count[chunk] < 0)
-            sbi_assembly_list_nodes(assembly, chunk);
-    sbi_assembly_colour(assembly, live->node_colours);
-    live->colours_are_old = 0;
-}
-
-SBI_API void sbi_assembly_follow(sbi_assembly *assembly, const sb_matrix *matrix, const sbi_mesh_change *change)
-{
-    const sb_domain *domain = assembly->domain;
-    int old_end = assembly->live->cell_end;
-    sbi_assembly_read_parents(assembly, change);
-    assembly->live->cell_end = domain->cell_count;
-    assembly->chunk_count = (domain->cell_count - 1) / assembly->chunk_size + 1;
-    sbi_assembly_follow_cells(assembly, change, old_end);
-    sbi_assembly_follow_rings(assembly, matrix, change);
-    sbi_assembly_follow_chunks(assembly, change);
-    if (assembly->viscous)
-        sbi_assembly_begin_step(assembly, 0);
 }
 
 /* ==== src/softbody/body/elimination.h ==== */
@@ -46055,6 +46068,9 @@ SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error);
 SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from); /* all arrays by node */
 SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b);     /* each gets the other's */
 SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error);
+/* gives back the body and all that it has, once nobody listens to it and no change of its mesh is under way; NULL is
+ * fine; */
+SBI_API void sbi_body_release(sb_body *body);
 /* parts of the nodes and their boxes; holds the nodes of no element; */
 SBI_API void sbi_body_label_nodes(sb_body *body);
 /* A node at x (m) comes to a part's box, which grows, or leaves it; a box whose side has lost its last node is not
@@ -46218,7 +46234,9 @@ typedef struct sbi_live_mesh {
 SBI_API sb_result sbi_live_refuse_lonely(int node, int made, sb_error *error);
 /* Makes and frees what a body with slack has besides. */
 SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_error *error);
-SBI_API void sbi_live_destroy(sb_body *body);
+SBI_API void sbi_live_free(sb_body *body);
+/* Tells all who listen that the body ends, and ends the change under way. */
+SBI_API void sbi_live_end(sb_body *body);
 SBI_API void sbi_change_destroy(sb_body_change *change); /* NULL is fine */
 /* A change with lists for so many cells, for the first to begin. */
 SBI_API sb_result sbi_change_take_spare(sb_body *body, int cells, sb_error *error);
@@ -46238,7 +46256,7 @@ SBI_API void sbi_live_mesh_fill(const sb_body *body, sbi_live_mesh *mesh);
 /* *next = a body like this one with another mesh, at rest, without supports, loads and constraints. SB_ERROR_MESH: a
  * cell inside out; SB_ERROR_MEMORY. */
 SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh, sb_body **next, sb_error *error);
-/* Brings motion, supports, loads and constraints over to it. On failure it is good for sb_body_destroy only. */
+/* Brings motion, supports, loads and constraints over to it. On failure it is good for sbi_body_release only. */
 SBI_API sb_result sbi_live_carry(const sb_body *body, const sbi_mesh_change *change, const sbi_live_mesh *mesh,
                                  sb_body *next, sb_error *error);
 /* The same of loads and constraints. */
@@ -48406,479 +48424,6 @@ SB_API const char *sb_check_string(unsigned warning)
     }
 }
 
-/* ==== src/softbody/body/body.c ==== */
-/* body: made and taken away; settings, and who hears of changes. */
-
-#include <string.h>
-
-#define SBI_BODY_COOKIE 0x5b0d1u
-
-SB_API sb_body_def sb_default_body_def(void)
-{
-    sb_body_def def;
-    memset(&def, 0, sizeof def);
-    def.integration = SB_INTEGRATION_AUTO;
-    def.mass = SB_MASS_LUMPED;
-    def.integrator = SB_EULER;
-    def.preconditioner = SB_PRECOND_AUTO;
-    def.levels = NULL;
-    def.level_count = 0;
-    def.slack = 0;
-    def.tolerance = (sb_real)1e-3;
-    def.max_iterations = 500;
-    def.max_newton = SB_AUTO;
-    def.spectral_radius = (sb_real)0.5;
-    def.max_substeps = 10000;
-    def.newton_tolerance = (sb_real)1e-6;
-    def.cookie = SBI_BODY_COOKIE;
-    return def;
-}
-
-/* ---- creation: arguments ---- */
-
-SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
-{
-    if (!sb_v3_is_finite(def->gravity))
-        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
-    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
-        !sb_is_finite(def->damping_stiffness))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
-                        (double)def->damping_mass, (double)def->damping_stiffness);
-    if (!(def->tolerance > 0) || !(def->tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
-    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
-                        (double)def->newton_tolerance);
-    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
-                        def->max_iterations, def->max_newton);
-    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
-    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
-                        (double)def->spectral_radius);
-    if (def->max_substeps < 1)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
-    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
-    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
-    if (!(def->slack >= 0) || !(def->slack <= 1000))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
-    if (def->allocator.alloc && !def->allocator.release)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
-    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
-        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
-                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
-                        (double)def->damping_stiffness);
-    return SB_OK;
-}
-
-static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
-{
-    sb_result result;
-    if (def->cookie != SBI_BODY_COOKIE)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
-    if (!def->mesh)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
-    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
-        return sbi_fail(error, SB_ERROR_ARGUMENT,
-                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
-    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
-    result = sbi_body_check_settings(def, error);
-    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
-        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
-    return result;
-}
-
-/* ---- creation: memory ---- */
-
-/* The vectors by node, which a live mesh carries over when it grows. */
-enum { SBI_BODY_VECTORS = 26 };
-static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
-{
-    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
-                                        &body->position,
-                                        &body->displacement,
-                                        &body->velocity,
-                                        &body->target,
-                                        &body->dead_load,
-                                        &body->acceleration,
-                                        &body->internal,
-                                        &body->external,
-                                        &body->follower,
-                                        &body->equilibrated,
-                                        &body->residual,
-                                        &body->rhs,
-                                        &body->increment,
-                                        &body->reaction,
-                                        &body->velocity0,
-                                        &body->acceleration0,
-                                        &body->start,
-                                        &body->saved_velocity,
-                                        &body->saved_acceleration,
-                                        &body->saved_reaction,
-                                        &body->saved_external,
-                                        &body->saved_internal,
-                                        &body->converged,
-                                        &body->work,
-                                        &body->work2};
-    memcpy(vectors, list, sizeof list);
-}
-
-/* Lays out every array by node slot; walked once to measure and once to hand out. */
-static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
-{
-    size_t n = (size_t)body->node_capacity;
-    sb_vec3 **vectors[SBI_BODY_VECTORS];
-    sbi_body_list_vectors(body, vectors);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++)
-        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
-    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
-    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
-    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
-}
-
-/* The same for what depends on cells, parts and the matrix. */
-static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
-{
-    size_t parts = (size_t)sbi_live_part_room(body);
-    body->part_scale =
-        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
-    if (body->mass_kind != SB_MASS_LUMPED)
-        body->mass_blocks =
-            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
-    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
-    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
-    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
-    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
-    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
-    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
-}
-
-/* One block of zeros for a layout, or NULL. */
-static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
-{
-    sbi_arena arena = {NULL, 0, 0};
-    unsigned char *base;
-    layout(body, &arena);
-    base = arena.overflow || arena.used > (size_t)-1 - 64
-               ? NULL
-               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
-    if (!base)
-        return NULL;
-    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
-    arena.used = 0;
-    layout(body, &arena);
-    return base;
-}
-
-SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
-{
-    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
-    return body->memory ? SB_OK
-                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
-}
-
-SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
-{
-    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
-    return body->topology_memory
-               ? SB_OK
-               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
-}
-
-SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
-{
-    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
-    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
-    sbi_body_list_vectors(to, out);
-    sbi_body_list_vectors(from, in);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++)
-        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
-    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
-    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
-    memcpy(to->fixed, from->fixed, n);
-    memcpy(to->node_component, from->node_component, n * sizeof(int));
-}
-
-SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
-{
-    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
-    sb_body other = *a;
-    sbi_body_list_vectors(a, left);
-    sbi_body_list_vectors(b, right);
-    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
-        sb_vec3 *vector = *left[i];
-        *left[i] = *right[i];
-        *right[i] = vector;
-    }
-    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
-    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
-    a->fixed = b->fixed, b->fixed = other.fixed;
-    a->node_component = b->node_component, b->node_component = other.node_component;
-    a->memory = b->memory, b->memory = other.memory;
-    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
-    a->assembly.reference = a->reference;
-    b->assembly.reference = b->reference;
-}
-
-/* ---- creation: topology ---- */
-
-/* Parts of the mesh, elements of each node, and the matrix pattern. */
-static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
-{
-    const sb_domain *domain = &body->domain;
-    sb_result result =
-        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
-    if (result == SB_OK)
-        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
-    if (result == SB_OK)
-        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
-                                  &body->allocator, &body->matrix, error);
-    return result;
-}
-
-/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
-static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
-{
-    if (side * x > side * *face) {
-        *face = x + 0; /* no -0: the order of the nodes is not to show */
-        *nodes = 0;
-    }
-    *nodes += x == *face;
-}
-
-SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
-    int *nodes = body->component_faces[component];
-    sbi_body_enter_face(&low->x, nodes, x.x, -1);
-    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
-    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
-    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
-    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
-    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
-}
-
-SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
-{
-    sb_vec3 low = body->component_low[component], high = body->component_high[component];
-    int *nodes = body->component_faces[component];
-    nodes[0] -= x.x == low.x;
-    nodes[1] -= x.y == low.y;
-    nodes[2] -= x.z == low.z;
-    nodes[3] -= x.x == high.x;
-    nodes[4] -= x.y == high.y;
-    nodes[5] -= x.z == high.z;
-}
-
-SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
-{
-    const int *nodes = body->component_faces[component];
-    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
-}
-
-SBI_API void sbi_body_make_boxes(sb_body *body)
-{
-    for (int c = 0; c < body->component_count; c++) {
-        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
-        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
-        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
-    }
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->node_component[i] >= 0)
-            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
-}
-
-static void sbi_body_label_by_elements(sb_body *body)
-{
-    const sb_index_lists *lists = &body->node_elements;
-    for (int i = 0; i < body->domain.node_count; i++) {
-        int first = lists->offsets[i];
-        body->node_component[i] =
-            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
-    }
-}
-
-SBI_API void sbi_body_label_nodes(sb_body *body)
-{
-    if (sbi_live_follows(body))
-        sbi_live_label_nodes(body);
-    else
-        sbi_body_label_by_elements(body);
-    for (int c = 0; c < body->component_count; c++)
-        body->tie_of[c] = -1;
-    for (int i = 0; i < body->domain.node_count; i++)
-        if (body->node_component[i] < 0) /* it would make every system singular */
-            body->fixed[i] = SB_XYZ;
-    sbi_body_make_boxes(body);
-}
-
-/* ---- creation and its end ---- */
-
-SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
-{
-    uint64_t *node_colours =
-        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
-    if (!node_colours)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
-    body->assembly.jobs = &body->jobs;
-    body->assembly.reference = body->reference;
-    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
-    sbi_free(&body->allocator, node_colours);
-    return sbi_live_make_assembly(body, error);
-}
-
-static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
-{
-    const sb_allocator *allocator = &body->allocator;
-    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
-                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
-                                                      &body->domain, error);
-    body->own_points = def->domain != NULL;
-    if (result == SB_OK)
-        result = sbi_body_make_materials(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_make_topology(body, def->mesh, error);
-    if (result == SB_OK)
-        result = sbi_live_create(body, def, error);
-    if (result == SB_OK)
-        result = sbi_body_take_nodes(body, error);
-    if (result == SB_OK)
-        result = sbi_body_take_topology(body, error);
-    if (result == SB_OK)
-        result = sbi_body_make_preconditioner(body, def, error);
-    if (result == SB_OK)
-        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
-    if (result == SB_OK)
-        result = sbi_body_prepare_assembly(body, error);
-    if (result != SB_OK)
-        return result;
-    body->pcg.row_count = body->domain.node_count;
-    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
-    sbi_body_label_nodes(body);
-    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
-    for (int i = 0; i < body->material_count && result == SB_OK; i++)
-        result = sbi_body_prepare_material(body, i, body->materials + i, error);
-    if (result == SB_OK)
-        result = sbi_live_prepare(body, error);
-    if (result != SB_OK)
-        return result;
-    sbi_body_materials_changed(body);
-    sb_body_reset(body);
-    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
-}
-
-SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
-{
-    sb_body *made;
-    sb_result result;
-    if (!def || !body)
-        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
-    result = sbi_body_check_def(def, error);
-    if (result != SB_OK)
-        return result;
-    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
-    if (!made)
-        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
-    made->allocator = def->allocator;
-    made->jobs = def->jobs;
-    made->clock = def->clock;
-    made->mass_kind = def->mass;
-    made->integrator = def->integrator;
-    made->gravity = def->gravity;
-    made->damping_mass = def->damping_mass;
-    made->damping_stiffness = def->damping_stiffness;
-    made->tolerance = def->tolerance;
-    made->newton_tolerance = def->newton_tolerance;
-    made->max_iterations = def->max_iterations;
-    made->max_newton = def->max_newton;
-    made->spectral_radius = def->spectral_radius;
-    made->max_substeps = def->max_substeps;
-    result = sbi_body_build(made, def, error);
-    if (result != SB_OK) {
-        sb_body_destroy(made);
-        return result;
-    }
-    *body = made;
-    return SB_OK;
-}
-
-SB_API void sb_body_destroy(sb_body *body)
-{
-    sb_allocator allocator;
-    if (!body)
-        return;
-    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
-    allocator = body->allocator;
-    for (int i = 0; i < body->load_count; i++)
-        sbi_load_release(&allocator, body->loads + i);
-    sbi_free(&allocator, body->loads);
-    sbi_free(&allocator, body->tie_gram);
-    sbi_elimination_free(body->elimination);
-    sb_pcg_workspace_free(&body->pcg);
-    sb_preconditioner_free(body->precond);
-    sb_matrix_free(&body->matrix);
-    sb_index_table_free(&body->element_component);
-    sb_index_lists_free(&body->node_elements);
-    sbi_assembly_free_memory(&body->assembly, &allocator);
-    sb_domain_free(&body->domain);
-    sbi_free(&allocator, body->fibres);
-    sbi_free(&allocator, body->support_blocks);
-    sbi_free(&allocator, body->damping_blocks);
-    sbi_free(&allocator, body->extra_start);
-    sbi_free(&allocator, body->pattern_memory);
-    sbi_free(&allocator, body->cell_material);
-    sbi_free(&allocator, body->materials);
-    sbi_free(&allocator, body->material_regions);
-    sbi_free(&allocator, body->topology_memory);
-    sbi_free(&allocator, body->memory);
-    sbi_live_destroy(body);
-    sbi_state_parts_free(body);
-    sbi_free(&allocator, body);
-}
-
-/* ---- settings ---- */
-
-SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
-{
-    if (!body)
-        return SB_ERROR_ARGUMENT;
-    if (!sb_v3_is_finite(gravity))
-        return SB_ERROR_NOT_FINITE;
-    body->gravity = gravity;
-    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
-{
-    const sb_real damping[2] = {alpha, beta};
-    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
-        return SB_ERROR_ARGUMENT;
-    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
-        return SB_ERROR_UNSUPPORTED;
-    body->damping_mass = alpha;
-    body->damping_stiffness = beta;
-    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
-    return SB_OK;
-}
-
-SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
-{
-    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
-        return SB_ERROR_ARGUMENT;
-    body->tolerance = tolerance;
-    body->max_iterations = max_iterations;
-    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
-    return SB_OK;
-}
-
 /* ==== src/softbody/body/load.c ==== */
 /* load: dead loads, follower pressure, springs, penalty mappings. */
 
@@ -50153,6 +49698,23 @@ SBI_API sb_result sbi_live_create(sb_body *body, const sb_body_def *def, sb_erro
     return result == SB_OK ? sbi_live_take_cells(body, error) : result;
 }
 
+SBI_API void sbi_live_free(sb_body *body)
+{
+    sbi_live *live = body->live;
+    if (!live)
+        return;
+    sbi_free(&body->allocator, live->lists);
+    sbi_free(&body->allocator, live->masses);
+    sbi_free(&body->allocator, live->node_marks);
+    sbi_free(&body->allocator, live->cell_marks);
+    sbi_slots_free(&live->nodes, &body->allocator);
+    sbi_slots_free(&live->cells, &body->allocator);
+    sbi_free(&body->allocator, live->shares);
+    sbi_free(&body->allocator, live->listeners);
+    sbi_free(&body->allocator, live);
+    body->live = NULL;
+}
+
 SBI_API sb_result sbi_live_take_marks(sb_body *body, sb_error *error)
 {
     sbi_live *live = body->live;
@@ -50231,6 +49793,495 @@ SBI_API sb_result sbi_live_check_removed(const sb_body *body, const sbi_slots *n
             return sbi_fail_node(error, SB_ERROR_ARGUMENT, node,
                                  "node %d is supported and has no heir: release it before it is removed", node);
     }
+    return SB_OK;
+}
+
+/* ==== src/softbody/body/body_arrays.c ==== */
+/* body_arrays: a body's arrays, taken when it is made, carried over when its mesh changes, given back at its end. */
+
+#include <string.h>
+
+/* The vectors by node, which a live mesh carries over when it grows. */
+enum { SBI_BODY_VECTORS = 26 };
+static void sbi_body_list_vectors(sb_body *body, sb_vec3 **vectors[SBI_BODY_VECTORS])
+{
+    sb_vec3 **list[SBI_BODY_VECTORS] = {&body->reference,
+                                        &body->position,
+                                        &body->displacement,
+                                        &body->velocity,
+                                        &body->target,
+                                        &body->dead_load,
+                                        &body->acceleration,
+                                        &body->internal,
+                                        &body->external,
+                                        &body->follower,
+                                        &body->equilibrated,
+                                        &body->residual,
+                                        &body->rhs,
+                                        &body->increment,
+                                        &body->reaction,
+                                        &body->velocity0,
+                                        &body->acceleration0,
+                                        &body->start,
+                                        &body->saved_velocity,
+                                        &body->saved_acceleration,
+                                        &body->saved_reaction,
+                                        &body->saved_external,
+                                        &body->saved_internal,
+                                        &body->converged,
+                                        &body->work,
+                                        &body->work2};
+    memcpy(vectors, list, sizeof list);
+}
+
+/* Lays out every array by node slot; walked once to measure and once to hand out. */
+static void sbi_body_layout_nodes(sb_body *body, sbi_arena *arena)
+{
+    size_t n = (size_t)body->node_capacity;
+    sb_vec3 **vectors[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(body, vectors);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        *vectors[i] = (sb_vec3 *)sbi_arena_take(arena, n, sizeof(sb_vec3));
+    body->lumped_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->load_mass = (sb_real *)sbi_arena_take(arena, n, sizeof(sb_real));
+    body->fixed = (unsigned char *)sbi_arena_take(arena, n, 1);
+    body->node_component = (int *)sbi_arena_take(arena, n, sizeof(int));
+}
+
+/* The same for what depends on cells, parts and the matrix. */
+static void sbi_body_layout_topology(sb_body *body, sbi_arena *arena)
+{
+    size_t parts = (size_t)sbi_live_part_room(body);
+    body->part_scale =
+        (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_most_parts(body->node_capacity), sizeof(sb_real));
+    if (body->mass_kind != SB_MASS_LUMPED)
+        body->mass_blocks =
+            (sb_real *)sbi_arena_take(arena, (size_t)sbi_matrix_capacity(&body->matrix), sizeof(sb_real));
+    body->support_grams = (double(*)[36])sbi_arena_take(arena, parts, 36 * sizeof(double));
+    body->component_low = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_high = (sb_vec3 *)sbi_arena_take(arena, parts, sizeof(sb_vec3));
+    body->component_faces = (int(*)[6])sbi_arena_take(arena, parts, sizeof body->component_faces[0]);
+    body->tie_of = (int *)sbi_arena_take(arena, parts, sizeof(int));
+    sbi_assembly_layout(&body->assembly, &body->domain, body->matrix.block_count, body->material_count, arena);
+}
+
+/* One block of zeros for a layout, or NULL. */
+static void *sbi_body_take_layout(sb_body *body, void (*layout)(sb_body *body, sbi_arena *arena))
+{
+    sbi_arena arena = {NULL, 0, 0};
+    unsigned char *base;
+    layout(body, &arena);
+    base = arena.overflow || arena.used > (size_t)-1 - 64
+               ? NULL
+               : (unsigned char *)sbi_alloc_zeroed(&body->allocator, arena.used + 64, 1);
+    if (!base)
+        return NULL;
+    arena.base = base + (64 - (size_t)((uintptr_t)base & 63));
+    arena.used = 0;
+    layout(body, &arena);
+    return base;
+}
+
+SBI_API sb_result sbi_body_take_nodes(sb_body *body, sb_error *error)
+{
+    body->memory = sbi_body_take_layout(body, sbi_body_layout_nodes);
+    return body->memory ? SB_OK
+                        : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the state of %d nodes", body->node_capacity);
+}
+
+SBI_API sb_result sbi_body_take_topology(sb_body *body, sb_error *error)
+{
+    body->topology_memory = sbi_body_take_layout(body, sbi_body_layout_topology);
+    return body->topology_memory
+               ? SB_OK
+               : sbi_fail(error, SB_ERROR_MEMORY, "no memory for the loops over %d elements", body->domain.cell_count);
+}
+
+SBI_API void sbi_body_copy_nodes(sb_body *to, sb_body *from)
+{
+    size_t n = (size_t)sbi_min_int(to->node_capacity, from->node_capacity);
+    sb_vec3 **out[SBI_BODY_VECTORS], **in[SBI_BODY_VECTORS];
+    sbi_body_list_vectors(to, out);
+    sbi_body_list_vectors(from, in);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++)
+        memcpy(*out[i], *in[i], n * sizeof(sb_vec3));
+    memcpy(to->lumped_mass, from->lumped_mass, n * sizeof(sb_real));
+    memcpy(to->load_mass, from->load_mass, n * sizeof(sb_real));
+    memcpy(to->fixed, from->fixed, n);
+    memcpy(to->node_component, from->node_component, n * sizeof(int));
+}
+
+SBI_API void sbi_body_swap_nodes(sb_body *a, sb_body *b)
+{
+    sb_vec3 **left[SBI_BODY_VECTORS], **right[SBI_BODY_VECTORS];
+    sb_body other = *a;
+    sbi_body_list_vectors(a, left);
+    sbi_body_list_vectors(b, right);
+    for (int i = 0; i < SBI_BODY_VECTORS; i++) {
+        sb_vec3 *vector = *left[i];
+        *left[i] = *right[i];
+        *right[i] = vector;
+    }
+    a->lumped_mass = b->lumped_mass, b->lumped_mass = other.lumped_mass;
+    a->load_mass = b->load_mass, b->load_mass = other.load_mass;
+    a->fixed = b->fixed, b->fixed = other.fixed;
+    a->node_component = b->node_component, b->node_component = other.node_component;
+    a->memory = b->memory, b->memory = other.memory;
+    a->node_capacity = b->node_capacity, b->node_capacity = other.node_capacity;
+    a->assembly.reference = a->reference;
+    b->assembly.reference = b->reference;
+}
+
+SBI_API sb_result sbi_body_prepare_assembly(sb_body *body, sb_error *error)
+{
+    uint64_t *node_colours =
+        (uint64_t *)sbi_alloc(&body->allocator, (size_t)body->domain.node_count, sizeof *node_colours);
+    if (!node_colours)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory to colour %d nodes", body->domain.node_count);
+    body->assembly.jobs = &body->jobs;
+    body->assembly.reference = body->reference;
+    sbi_assembly_prepare(&body->assembly, &body->matrix, node_colours);
+    sbi_free(&body->allocator, node_colours);
+    return sbi_live_make_assembly(body, error);
+}
+
+SBI_API void sbi_body_release(sb_body *body)
+{
+    sb_allocator allocator;
+    if (!body)
+        return;
+    allocator = body->allocator;
+    for (int i = 0; i < body->load_count; i++)
+        sbi_load_release(&allocator, body->loads + i);
+    sbi_free(&allocator, body->loads);
+    sbi_free(&allocator, body->tie_gram);
+    sbi_elimination_free(body->elimination);
+    sb_pcg_workspace_free(&body->pcg);
+    sb_preconditioner_free(body->precond);
+    sb_matrix_free(&body->matrix);
+    sb_index_table_free(&body->element_component);
+    sb_index_lists_free(&body->node_elements);
+    sbi_assembly_free(&body->assembly, &allocator);
+    sb_domain_free(&body->domain);
+    sbi_free(&allocator, body->fibres);
+    sbi_free(&allocator, body->support_blocks);
+    sbi_free(&allocator, body->damping_blocks);
+    sbi_free(&allocator, body->extra_start);
+    sbi_free(&allocator, body->pattern_memory);
+    sbi_free(&allocator, body->cell_material);
+    sbi_free(&allocator, body->materials);
+    sbi_free(&allocator, body->material_regions);
+    sbi_free(&allocator, body->topology_memory);
+    sbi_free(&allocator, body->memory);
+    sbi_live_free(body);
+    sbi_free(&allocator, body);
+}
+
+/* ==== src/softbody/body/body_parts.c ==== */
+/* body_parts: the connected parts of a body and their boxes. */
+
+#include <string.h>
+
+/* One side of a box, at `side` times `face`: a node at side times x joins the nodes that lie in it. */
+static void sbi_body_enter_face(sb_real *face, int *nodes, sb_real x, sb_real side)
+{
+    if (side * x > side * *face) {
+        *face = x + 0; /* no -0: the order of the nodes is not to show */
+        *nodes = 0;
+    }
+    *nodes += x == *face;
+}
+
+SBI_API void sbi_body_enter_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 *low = body->component_low + component, *high = body->component_high + component;
+    int *nodes = body->component_faces[component];
+    sbi_body_enter_face(&low->x, nodes, x.x, -1);
+    sbi_body_enter_face(&low->y, nodes + 1, x.y, -1);
+    sbi_body_enter_face(&low->z, nodes + 2, x.z, -1);
+    sbi_body_enter_face(&high->x, nodes + 3, x.x, 1);
+    sbi_body_enter_face(&high->y, nodes + 4, x.y, 1);
+    sbi_body_enter_face(&high->z, nodes + 5, x.z, 1);
+}
+
+SBI_API void sbi_body_leave_box(sb_body *body, int component, sb_vec3 x)
+{
+    sb_vec3 low = body->component_low[component], high = body->component_high[component];
+    int *nodes = body->component_faces[component];
+    nodes[0] -= x.x == low.x;
+    nodes[1] -= x.y == low.y;
+    nodes[2] -= x.z == low.z;
+    nodes[3] -= x.x == high.x;
+    nodes[4] -= x.y == high.y;
+    nodes[5] -= x.z == high.z;
+}
+
+SBI_API int sbi_body_box_is_right(const sb_body *body, int component)
+{
+    const int *nodes = body->component_faces[component];
+    return nodes[0] > 0 && nodes[1] > 0 && nodes[2] > 0 && nodes[3] > 0 && nodes[4] > 0 && nodes[5] > 0;
+}
+
+SBI_API void sbi_body_make_boxes(sb_body *body)
+{
+    for (int c = 0; c < body->component_count; c++) {
+        body->component_low[c] = sb_v3(SB_REAL_MAX, SB_REAL_MAX, SB_REAL_MAX);
+        body->component_high[c] = sb_v3(-SB_REAL_MAX, -SB_REAL_MAX, -SB_REAL_MAX);
+        memset(body->component_faces[c], 0, sizeof body->component_faces[c]);
+    }
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] >= 0)
+            sbi_body_enter_box(body, body->node_component[i], body->reference[i]);
+}
+
+static void sbi_body_label_by_elements(sb_body *body)
+{
+    const sb_index_lists *lists = &body->node_elements;
+    for (int i = 0; i < body->domain.node_count; i++) {
+        int first = lists->offsets[i];
+        body->node_component[i] =
+            first == lists->offsets[i + 1] ? -1 : body->element_component.items[lists->items[first]];
+    }
+}
+
+SBI_API void sbi_body_label_nodes(sb_body *body)
+{
+    if (sbi_live_follows(body))
+        sbi_live_label_nodes(body);
+    else
+        sbi_body_label_by_elements(body);
+    for (int c = 0; c < body->component_count; c++)
+        body->tie_of[c] = -1;
+    for (int i = 0; i < body->domain.node_count; i++)
+        if (body->node_component[i] < 0) /* it would make every system singular */
+            body->fixed[i] = SB_XYZ;
+    sbi_body_make_boxes(body);
+}
+
+/* ==== src/softbody/body/body.c ==== */
+/* body: made and taken away; settings, and who hears of changes. */
+
+#include <string.h>
+
+#define SBI_BODY_COOKIE 0x5b0d1u
+
+SB_API sb_body_def sb_default_body_def(void)
+{
+    sb_body_def def;
+    memset(&def, 0, sizeof def);
+    def.integration = SB_INTEGRATION_AUTO;
+    def.mass = SB_MASS_LUMPED;
+    def.integrator = SB_EULER;
+    def.preconditioner = SB_PRECOND_AUTO;
+    def.levels = NULL;
+    def.level_count = 0;
+    def.slack = 0;
+    def.tolerance = (sb_real)1e-3;
+    def.max_iterations = 500;
+    def.max_newton = SB_AUTO;
+    def.spectral_radius = (sb_real)0.5;
+    def.max_substeps = 10000;
+    def.newton_tolerance = (sb_real)1e-6;
+    def.cookie = SBI_BODY_COOKIE;
+    return def;
+}
+
+/* ---- creation: arguments ---- */
+
+SBI_API sb_result sbi_body_check_settings(const sb_body_def *def, sb_error *error)
+{
+    if (!sb_v3_is_finite(def->gravity))
+        return sbi_fail(error, SB_ERROR_NOT_FINITE, "def.gravity is not finite");
+    if (!(def->damping_mass >= 0) || !(def->damping_stiffness >= 0) || !sb_is_finite(def->damping_mass) ||
+        !sb_is_finite(def->damping_stiffness))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.damping_mass %g and def.damping_stiffness %g must be >= 0",
+                        (double)def->damping_mass, (double)def->damping_stiffness);
+    if (!(def->tolerance > 0) || !(def->tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.tolerance %g must be in (0, 1)", (double)def->tolerance);
+    if (!(def->newton_tolerance > 0) || !(def->newton_tolerance < 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.newton_tolerance %g must be in (0, 1)",
+                        (double)def->newton_tolerance);
+    if (def->max_iterations < 1 || (def->max_newton < 1 && def->max_newton != SB_AUTO))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_iterations %d and def.max_newton %d must be >= 1",
+                        def->max_iterations, def->max_newton);
+    if (def->integrator < SB_EULER || def->integrator > SB_CENTRAL_DIFFERENCE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integrator %d is unknown", (int)def->integrator);
+    if (!(def->spectral_radius >= 0) || !(def->spectral_radius <= 1))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.spectral_radius %g must be in [0, 1]",
+                        (double)def->spectral_radius);
+    if (def->max_substeps < 1)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.max_substeps %d must be >= 1", def->max_substeps);
+    if (def->integration < SB_INTEGRATION_AUTO || def->integration > SB_INTEGRATION_BBAR)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.integration %d is unknown", (int)def->integration);
+    if (def->mass != SB_MASS_LUMPED && def->mass != SB_MASS_CONSISTENT && def->mass != SB_MASS_REDUCED)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mass %d is unknown", (int)def->mass);
+    if (!(def->slack >= 0) || !(def->slack <= 1000))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.slack %g must be in [0, 1000]", (double)def->slack);
+    if (def->allocator.alloc && !def->allocator.release)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.allocator has alloc but no release");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->mass != SB_MASS_LUMPED)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED, "SB_CENTRAL_DIFFERENCE needs def.mass SB_MASS_LUMPED");
+    if (def->integrator == SB_CENTRAL_DIFFERENCE && def->damping_stiffness > 0)
+        return sbi_fail(error, SB_ERROR_UNSUPPORTED,
+                        "SB_CENTRAL_DIFFERENCE damps with def.damping_mass, not with def.damping_stiffness %g",
+                        (double)def->damping_stiffness);
+    return SB_OK;
+}
+
+static sb_result sbi_body_check_def(const sb_body_def *def, sb_error *error)
+{
+    sb_result result;
+    if (def->cookie != SBI_BODY_COOKIE)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "the def was not made by sb_default_body_def");
+    if (!def->mesh)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.mesh is NULL");
+    if (def->domain && (def->integration != SB_INTEGRATION_AUTO || def->single_rotation))
+        return sbi_fail(error, SB_ERROR_ARGUMENT,
+                        "def.domain has its own points: def.integration and def.single_rotation do not go with it");
+    if (def->region_material_count < 0 || (def->region_material_count > 0 && !def->region_materials))
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "def.region_materials is NULL or its count negative");
+    result = sbi_body_check_settings(def, error);
+    for (int i = 0; i < def->region_material_count && result == SB_OK; i++)
+        result = sbi_body_check_material(&def->region_materials[i].material, def->single_rotation, error);
+    return result;
+}
+
+/* ---- creation: topology ---- */
+
+/* Parts of the mesh, elements of each node, and the matrix pattern. */
+static sb_result sbi_body_make_topology(sb_body *body, const sb_mesh *mesh, sb_error *error)
+{
+    const sb_domain *domain = &body->domain;
+    sb_result result =
+        sb_mesh_components(mesh, &body->allocator, &body->element_component, &body->component_count, error);
+    if (result == SB_OK)
+        result = sb_mesh_node_elements(mesh, &body->allocator, &body->node_elements, error);
+    if (result == SB_OK)
+        result = sb_matrix_create(domain->node_count, domain->cell_count, domain->nodes_per_cell, NULL, domain->cells,
+                                  &body->allocator, &body->matrix, error);
+    return result;
+}
+
+/* ---- creation and its end ---- */
+
+static sb_result sbi_body_build(sb_body *body, const sb_body_def *def, sb_error *error)
+{
+    const sb_allocator *allocator = &body->allocator;
+    sb_result result = def->domain ? sbi_domain_copy(def->domain, def->mesh, allocator, &body->domain, error)
+                                   : sb_domain_create(def->mesh, def->integration, def->single_rotation, allocator,
+                                                      &body->domain, error);
+    body->own_points = def->domain != NULL;
+    if (result == SB_OK)
+        result = sbi_body_make_materials(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_make_topology(body, def->mesh, error);
+    if (result == SB_OK)
+        result = sbi_live_create(body, def, error);
+    if (result == SB_OK)
+        result = sbi_body_take_nodes(body, error);
+    if (result == SB_OK)
+        result = sbi_body_take_topology(body, error);
+    if (result == SB_OK)
+        result = sbi_body_make_preconditioner(body, def, error);
+    if (result == SB_OK)
+        result = sb_pcg_workspace_create(body->node_capacity, allocator, &body->pcg, error);
+    if (result == SB_OK)
+        result = sbi_body_prepare_assembly(body, error);
+    if (result != SB_OK)
+        return result;
+    body->pcg.row_count = body->domain.node_count;
+    memcpy(body->reference, def->mesh->nodes, (size_t)body->domain.node_count * sizeof(sb_vec3));
+    sbi_body_label_nodes(body);
+    result = def->fibres ? sb_body_set_fibres(body, def->fibres, error) : SB_OK;
+    for (int i = 0; i < body->material_count && result == SB_OK; i++)
+        result = sbi_body_prepare_material(body, i, body->materials + i, error);
+    if (result == SB_OK)
+        result = sbi_live_prepare(body, error);
+    if (result != SB_OK)
+        return result;
+    sbi_body_materials_changed(body);
+    sb_body_reset(body);
+    return sbi_body_reserve_damping(body, body->materials, body->material_count, error);
+}
+
+SB_API sb_result sb_body_create(const sb_body_def *def, sb_body **body, sb_error *error)
+{
+    sb_body *made;
+    sb_result result;
+    if (!def || !body)
+        return sbi_fail(error, SB_ERROR_ARGUMENT, "sb_body_create needs a def and a place for the body");
+    result = sbi_body_check_def(def, error);
+    if (result != SB_OK)
+        return result;
+    made = (sb_body *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *made);
+    if (!made)
+        return sbi_fail(error, SB_ERROR_MEMORY, "no memory for a body");
+    made->allocator = def->allocator;
+    made->jobs = def->jobs;
+    made->clock = def->clock;
+    made->mass_kind = def->mass;
+    made->integrator = def->integrator;
+    made->gravity = def->gravity;
+    made->damping_mass = def->damping_mass;
+    made->damping_stiffness = def->damping_stiffness;
+    made->tolerance = def->tolerance;
+    made->newton_tolerance = def->newton_tolerance;
+    made->max_iterations = def->max_iterations;
+    made->max_newton = def->max_newton;
+    made->spectral_radius = def->spectral_radius;
+    made->max_substeps = def->max_substeps;
+    result = sbi_body_build(made, def, error);
+    if (result != SB_OK) {
+        sb_body_destroy(made);
+        return result;
+    }
+    *body = made;
+    return SB_OK;
+}
+
+SB_API void sb_body_destroy(sb_body *body)
+{
+    if (!body)
+        return;
+    sbi_body_tell(body, SBI_COMMAND_DESTROY, 0, 0, NULL, 0, NULL, 0);
+    sbi_live_end(body);
+    sbi_state_parts_free(body);
+    sbi_body_release(body);
+}
+
+/* ---- settings ---- */
+
+SB_API sb_result sb_body_set_gravity(sb_body *body, sb_vec3 gravity)
+{
+    if (!body)
+        return SB_ERROR_ARGUMENT;
+    if (!sb_v3_is_finite(gravity))
+        return SB_ERROR_NOT_FINITE;
+    body->gravity = gravity;
+    sbi_body_tell(body, SBI_COMMAND_GRAVITY, 0, 0, NULL, 0, &gravity.x, 3);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_damping(sb_body *body, sb_real alpha, sb_real beta)
+{
+    const sb_real damping[2] = {alpha, beta};
+    if (!body || !(alpha >= 0) || !(beta >= 0) || !sb_is_finite(alpha) || !sb_is_finite(beta))
+        return SB_ERROR_ARGUMENT;
+    if (body->integrator == SB_CENTRAL_DIFFERENCE && beta > 0)
+        return SB_ERROR_UNSUPPORTED;
+    body->damping_mass = alpha;
+    body->damping_stiffness = beta;
+    sbi_body_tell(body, SBI_COMMAND_DAMPING, 0, 0, NULL, 0, damping, 2);
+    return SB_OK;
+}
+
+SB_API sb_result sb_body_set_solver(sb_body *body, sb_real tolerance, int max_iterations)
+{
+    if (!body || !(tolerance > 0) || !(tolerance < 1) || max_iterations < 1)
+        return SB_ERROR_ARGUMENT;
+    body->tolerance = tolerance;
+    body->max_iterations = max_iterations;
+    sbi_body_tell(body, SBI_COMMAND_SOLVER, max_iterations, 0, NULL, 0, &tolerance, 1);
     return SB_OK;
 }
 
@@ -50799,7 +50850,7 @@ SBI_API sb_result sbi_live_prepare(sb_body *body, sb_error *error)
     return result;
 }
 
-SBI_API void sbi_live_destroy(sb_body *body)
+SBI_API void sbi_live_end(sb_body *body)
 {
     sbi_live *live = body->live;
     if (!live)
@@ -50811,16 +50862,7 @@ SBI_API void sbi_live_destroy(sb_body *body)
     }
     sb_body_change_cancel(live->open);
     sbi_change_destroy(live->spare);
-    sbi_free(&body->allocator, live->lists);
-    sbi_free(&body->allocator, live->masses);
-    sbi_free(&body->allocator, live->node_marks);
-    sbi_free(&body->allocator, live->cell_marks);
-    sbi_slots_free(&live->nodes, &body->allocator);
-    sbi_slots_free(&live->cells, &body->allocator);
-    sbi_free(&body->allocator, live->shares);
-    sbi_free(&body->allocator, live->listeners);
-    sbi_free(&body->allocator, live);
-    body->live = NULL;
+    live->spare = NULL;
 }
 
 /* ---- readings ---- */
@@ -52099,7 +52141,7 @@ static sb_result sbi_change_rebuild(sb_body_change *change, const sb_mesh_change
         sbi_live_replace(body, next);
         next = NULL;
     }
-    sb_body_destroy(next);
+    sbi_body_release(next);
     sbi_live_mesh_free(body, &mesh);
     return result;
 }
@@ -52403,7 +52445,7 @@ SBI_API sb_result sbi_live_build(const sb_body *body, const sbi_live_mesh *mesh,
     if (result == SB_OK)
         result = sbi_live_make_rest(body, mesh, made, error);
     if (result != SB_OK) {
-        sb_body_destroy(made);
+        sbi_body_release(made);
         return result;
     }
     *next = made;
@@ -52890,7 +52932,7 @@ SBI_API void sbi_live_replace(sb_body *body, sb_body *next)
     body->pattern_version = old.pattern_version + 1;
     sbi_live_rebase(body);
     sbi_live_rebase(next);
-    sb_body_destroy(next);
+    sbi_body_release(next);
 }
 
 /* ==== src/softbody/body/live_rows.c ==== */
