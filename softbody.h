@@ -53569,9 +53569,15 @@ typedef struct sbi_embed_volume {
 /* Elements of a leaf of the tree; deepest path through it. */
 enum { SBI_EMBED_LEAF = 1, SBI_EMBED_DEPTH = 64 };
 
+typedef enum sbi_embed_skin {
+    SBI_EMBED_NO_SKIN = 0, /* closest elements only: boundary_face is -1 throughout and for the caller to fill, and what
+                            * else is of the boundary is empty */
+    SBI_EMBED_SKIN = 1
+} sbi_embed_skin;
+
 /* Prepares queries of a volume mesh that sb_mesh_validate accepts; it is borrowed. */
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error);
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error);
 SBI_API void sbi_embed_volume_free(sbi_embed_volume *volume);
 
 /* Sorts count points along Morton's curve through their bounding box: order[count] receives their indices. scratch:
@@ -53875,14 +53881,14 @@ static void sbi_embed_fill_elements(sbi_embed_volume *volume, sbi_embed_box *box
     sbi_embed_fill_tree(volume, boxes);
 }
 
-static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    sb_result result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    sb_result result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
     size_t entries = (size_t)volume->mesh->element_count * (size_t)volume->faces;
-    if (result == SB_OK)
-        result = sb_mesh_neighbours(volume->mesh, allocator, &volume->neighbours, error);
-    if (result == SB_OK)
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
+        result = sb_mesh_boundary(volume->mesh, 0, allocator, &volume->boundary, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         result = sb_mesh_neighbours(&volume->boundary.surface, allocator, &volume->face_neighbours, error);
     if (result != SB_OK)
         return result;
@@ -53896,10 +53902,11 @@ static sb_result sbi_embed_prepare_topology(sbi_embed_volume *volume, sb_error *
     return SB_OK;
 }
 
-static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *error)
+static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sbi_embed_skin skin, sb_error *error)
 {
     const sb_allocator *allocator = &volume->allocator;
-    size_t elements = (size_t)volume->mesh->element_count, nodes = (size_t)volume->mesh->node_count, leaves = 1;
+    size_t elements = (size_t)volume->mesh->element_count, leaves = 1;
+    size_t nodes = skin == SBI_EMBED_SKIN ? (size_t)volume->mesh->node_count : 0;
     size_t entries = (size_t)volume->boundary.surface.element_count * (size_t)volume->face.nodes;
     sbi_embed_box *boxes = (sbi_embed_box *)sbi_alloc(allocator, elements, sizeof(sbi_embed_box));
     sb_vec3 *centres = (sb_vec3 *)sbi_alloc(allocator, elements, sizeof(sb_vec3));
@@ -53918,7 +53925,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     if (boxes && centres && scratch && volume->boxes && volume->order && volume->bulge && volume->weights &&
         volume->normals && (volume->is_box || volume->planes)) {
         sbi_embed_fill_elements(volume, boxes, centres, scratch);
-        sbi_embed_fill_normals(volume);
+        if (skin == SBI_EMBED_SKIN)
+            sbi_embed_fill_normals(volume);
     } else {
         result = sbi_fail(error, SB_ERROR_MEMORY, "no memory to search %d elements", volume->mesh->element_count);
     }
@@ -53928,8 +53936,8 @@ static sb_result sbi_embed_prepare_geometry(sbi_embed_volume *volume, sb_error *
     return result;
 }
 
-SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocator *allocator, sbi_embed_volume *volume,
-                                          sb_error *error)
+SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, sbi_embed_skin skin, const sb_allocator *allocator,
+                                          sbi_embed_volume *volume, sb_error *error)
 {
     sb_result result;
     sb_vec3 low, high;
@@ -53944,11 +53952,11 @@ SBI_API sb_result sbi_embed_volume_create(const sb_mesh *mesh, const sb_allocato
     sb_mesh_bounds(mesh, &low, &high);
     volume->scale = sb_max(sb_max(sb_max(sb_abs(low.x), sb_abs(high.x)), sb_max(sb_abs(low.y), sb_abs(high.y))),
                            sb_max(sb_abs(low.z), sb_abs(high.z)));
-    result = sbi_embed_prepare_topology(volume, error);
-    if (result == SB_OK) {
+    result = sbi_embed_prepare_topology(volume, skin, error);
+    if (result == SB_OK && skin == SBI_EMBED_SKIN)
         sbi_embed_face_make(volume->boundary.surface.element_type, &volume->face);
-        result = sbi_embed_prepare_geometry(volume, error);
-    }
+    if (result == SB_OK)
+        result = sbi_embed_prepare_geometry(volume, skin, error);
     if (result != SB_OK)
         sbi_embed_volume_free(volume);
     return result;
@@ -55144,21 +55152,22 @@ static void sbi_embed_place_outside(const sbi_embed_volume *volume, sb_embedding
                                     const sbi_embed_hit *hit, sbi_embed_place *place, sb_embedded_point *info)
 {
     sbi_embed_foot foot;
-    if (kind == SB_EMBED_SMOOTH && sbi_embed_find_foot(volume, point, hit, &foot)) {
+    place->hold = SB_EMBEDDED_EXTRAPOLATED;
+    if (kind == SB_EMBED_PLAIN)
+        return;
+    if (sbi_embed_find_foot(volume, point, hit, &foot)) {
         place->hold = SB_EMBEDDED_OFFSET;
         sbi_embed_place_foot(volume, &foot, place, info);
         return;
     }
     foot = sbi_embed_hit_foot(volume, hit);
-    if (kind == SB_EMBED_SMOOTH && foot.face >= 0) {
+    if (foot.face >= 0) {
         sb_vec3 tangent[2], offset = sb_v3_sub(point, sbi_embed_foot_tangents(volume, &foot, tangent));
         offset = sb_m3_tapply(sbi_embed_face_frame(tangent[0], tangent[1]), offset);
         place->hold = SB_EMBEDDED_FRAME;
         sbi_embed_place_foot(volume, &foot, place, info);
         place->offset[0] = offset.x, place->offset[1] = offset.y, place->offset[2] = offset.z;
-        return;
     }
-    place->hold = SB_EMBEDDED_EXTRAPOLATED;
 }
 
 /* Coordinates of a rest normal N that make the carried one: J^T N / det J with the columns J of the map at rest, for
@@ -56220,14 +56229,16 @@ static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, con
     return mesh->nodes != NULL;
 }
 
-/* Faces where the part ends but the mesh goes on hold no points. */
-static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+/* Faces where the part ends but the mesh goes on hold no points. Without a skin it matters only which faces are outer
+ * ones. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin, sbi_embed_volume *volume)
 {
-    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
-        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
-        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
-            volume->boundary_face[cell * f->faces + local] = -1;
-    }
+    for (int i = 0; i < f->part_count; i++)
+        for (int k = 0; k < f->faces; k++) {
+            int outer = f->outer[f->part_cells[i] * f->faces + k];
+            if (skin == SBI_EMBED_NO_SKIN || outer < 0)
+                volume->boundary_face[i * f->faces + k] = outer;
+        }
 }
 
 /* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
@@ -56257,6 +56268,7 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
 {
+    sb_embedding_kind kind = part == SBI_EMBED_CHANGED ? SB_EMBED_PLAIN : e->kind; /* only inside counts there */
     int left = 0, hint = volume->order[0];
     for (int i = 0; i < f->swap_count; i++) {
         sbi_embed_swap *swap = &f->swaps[i];
@@ -56265,7 +56277,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             hint = volume->order[0];
         if (swap->done)
             continue;
-        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        sbi_embed_place_point(volume, kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
         swap->info.element = f->part_cells[swap->info.element];
         if (sbi_embed_is_on_face(swap->place.hold))
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
@@ -56281,14 +56293,15 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
 static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                        const sb_allocator *allocator, int *left, sb_error *error)
 {
+    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_NO_SKIN : SBI_EMBED_SKIN;
     sbi_embed_volume volume;
     sb_mesh mesh;
     sb_result result = SB_ERROR_MEMORY;
     if (sbi_embed_make_part(e, f, allocator, &mesh))
-        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+        result = sbi_embed_volume_create(&mesh, skin, allocator, &volume, error);
     if (result == SB_OK) {
         volume.scale = e->scale;
-        sbi_embed_hide_cuts(f, &volume);
+        sbi_embed_hide_cuts(f, skin, &volume);
         *left = sbi_embed_place_swaps(e, f, part, &volume);
         sbi_embed_volume_free(&volume);
     }
@@ -56439,24 +56452,28 @@ static void sbi_embed_mark_old_place(const sb_embedding *e, sbi_embed_follower *
             sbi_embed_live_mark(f, rows->nodes + (size_t)g * (size_t)rows->width, a->groups[g].node_count);
 }
 
-/* Calls add for the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only
- * counts. */
+/* Adds the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only counts. */
 static int sbi_embed_add_faces(const sbi_embed_follower *f, const sbi_embed_parts *parts, sbi_embed_arrays *arrays)
 {
     int count = 0;
     for (int i = 0; i < f->changed_count; i++)
-        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
+            int cell = at / f->width, corner = at % f->width;
+            const int *nodes = f->cells + cell * f->width;
             for (int k = 0; k < f->faces; k++) {
-                const int *nodes = f->cells + at / f->width * f->width, *local = f->local[k];
-                int face = at / f->width * f->faces + k, a = 0;
+                const int *local = f->local[k];
+                int face = cell * f->faces + k, a = 0;
+                if (f->outer[face] < 0)
+                    continue;
                 while (a < f->face_nodes && !f->node_marks[nodes[local[a]]])
                     a++;
-                if (f->outer[face] < 0 || a == f->face_nodes || local[a] != at % f->width)
+                if (a == f->face_nodes || local[a] != corner)
                     continue;
                 count++;
                 if (arrays)
                     sbi_embed_add_face(arrays, parts, face);
             }
+        }
     return count;
 }
 
@@ -57581,7 +57598,7 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     result = sbi_embed_check_def(def, &build, error);
     if (result != SB_OK)
         return result;
-    result = sbi_embed_volume_create(def->mesh, &def->allocator, &build.volume, error);
+    result = sbi_embed_volume_create(def->mesh, SBI_EMBED_SKIN, &def->allocator, &build.volume, error);
     if (result != SB_OK)
         return result;
     build.e = (sb_embedding *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *build.e);

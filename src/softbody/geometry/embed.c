@@ -299,7 +299,7 @@ SB_API sb_result sb_embedding_create(const sb_embedding_def *def, sb_embedding *
     result = sbi_embed_check_def(def, &build, error);
     if (result != SB_OK)
         return result;
-    result = sbi_embed_volume_create(def->mesh, &def->allocator, &build.volume, error);
+    result = sbi_embed_volume_create(def->mesh, SBI_EMBED_SKIN, &def->allocator, &build.volume, error);
     if (result != SB_OK)
         return result;
     build.e = (sb_embedding *)sbi_alloc_zeroed(&def->allocator, 1, sizeof *build.e);

@@ -175,14 +175,16 @@ static int sbi_embed_make_part(const sb_embedding *e, sbi_embed_follower *f, con
     return mesh->nodes != NULL;
 }
 
-/* Faces where the part ends but the mesh goes on hold no points. */
-static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_volume *volume)
+/* Faces where the part ends but the mesh goes on hold no points. Without a skin it matters only which faces are outer
+ * ones. */
+static void sbi_embed_hide_cuts(const sbi_embed_follower *f, sbi_embed_skin skin, sbi_embed_volume *volume)
 {
-    for (int b = 0; b < volume->boundary.surface.element_count; b++) {
-        int cell = volume->boundary.elements[b], local = volume->boundary.faces[b];
-        if (f->outer[f->part_cells[cell] * f->faces + local] < 0)
-            volume->boundary_face[cell * f->faces + local] = -1;
-    }
+    for (int i = 0; i < f->part_count; i++)
+        for (int k = 0; k < f->faces; k++) {
+            int outer = f->outer[f->part_cells[i] * f->faces + k];
+            if (skin == SBI_EMBED_NO_SKIN || outer < 0)
+                volume->boundary_face[i * f->faces + k] = outer;
+        }
 }
 
 /* 1 when all cells of a node are searched: its normal is that of the whole mesh. */
@@ -212,6 +214,7 @@ static int sbi_embed_accepts(const sbi_embed_follower *f, sbi_embed_part part, c
 static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                  const sbi_embed_volume *volume)
 {
+    sb_embedding_kind kind = part == SBI_EMBED_CHANGED ? SB_EMBED_PLAIN : e->kind; /* only inside counts there */
     int left = 0, hint = volume->order[0];
     for (int i = 0; i < f->swap_count; i++) {
         sbi_embed_swap *swap = &f->swaps[i];
@@ -220,7 +223,7 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
             hint = volume->order[0];
         if (swap->done)
             continue;
-        sbi_embed_place_point(volume, e->kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
+        sbi_embed_place_point(volume, kind, e->rest[swap->point], normal, &hint, &swap->place, &swap->info);
         swap->info.element = f->part_cells[swap->info.element];
         if (sbi_embed_is_on_face(swap->place.hold))
             swap->place.cell = f->part_cells[swap->place.cell / f->faces] * f->faces + swap->place.cell % f->faces;
@@ -236,14 +239,15 @@ static int sbi_embed_place_swaps(const sb_embedding *e, sbi_embed_follower *f, s
 static sb_result sbi_embed_search_part(const sb_embedding *e, sbi_embed_follower *f, sbi_embed_part part,
                                        const sb_allocator *allocator, int *left, sb_error *error)
 {
+    sbi_embed_skin skin = part == SBI_EMBED_CHANGED ? SBI_EMBED_NO_SKIN : SBI_EMBED_SKIN;
     sbi_embed_volume volume;
     sb_mesh mesh;
     sb_result result = SB_ERROR_MEMORY;
     if (sbi_embed_make_part(e, f, allocator, &mesh))
-        result = sbi_embed_volume_create(&mesh, allocator, &volume, error);
+        result = sbi_embed_volume_create(&mesh, skin, allocator, &volume, error);
     if (result == SB_OK) {
         volume.scale = e->scale;
-        sbi_embed_hide_cuts(f, &volume);
+        sbi_embed_hide_cuts(f, skin, &volume);
         *left = sbi_embed_place_swaps(e, f, part, &volume);
         sbi_embed_volume_free(&volume);
     }
@@ -394,24 +398,28 @@ static void sbi_embed_mark_old_place(const sb_embedding *e, sbi_embed_follower *
             sbi_embed_live_mark(f, rows->nodes + (size_t)g * (size_t)rows->width, a->groups[g].node_count);
 }
 
-/* Calls add for the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only
- * counts. */
+/* Adds the outer faces around nodes that changed, each once; returns how many there are. arrays NULL: only counts. */
 static int sbi_embed_add_faces(const sbi_embed_follower *f, const sbi_embed_parts *parts, sbi_embed_arrays *arrays)
 {
     int count = 0;
     for (int i = 0; i < f->changed_count; i++)
-        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at])
+        for (int at = f->first[f->changed_nodes[i]]; at >= 0; at = f->next[at]) {
+            int cell = at / f->width, corner = at % f->width;
+            const int *nodes = f->cells + cell * f->width;
             for (int k = 0; k < f->faces; k++) {
-                const int *nodes = f->cells + at / f->width * f->width, *local = f->local[k];
-                int face = at / f->width * f->faces + k, a = 0;
+                const int *local = f->local[k];
+                int face = cell * f->faces + k, a = 0;
+                if (f->outer[face] < 0)
+                    continue;
                 while (a < f->face_nodes && !f->node_marks[nodes[local[a]]])
                     a++;
-                if (f->outer[face] < 0 || a == f->face_nodes || local[a] != at % f->width)
+                if (a == f->face_nodes || local[a] != corner)
                     continue;
                 count++;
                 if (arrays)
                     sbi_embed_add_face(arrays, parts, face);
             }
+        }
     return count;
 }
 
