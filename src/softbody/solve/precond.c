@@ -226,6 +226,22 @@ SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *p, const sb_real *r,
     sbi_precond_correct(&job);
 }
 
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *p) { return p->coarse.ready; }
+
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, r, z, size);
+    sbi_precond_smooth_any(p, &job);
+    sbi_precond_run(&job, sbi_precond_write_task);
+}
+
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *p, const sb_real *y, sb_real *z, double size)
+{
+    sbi_precond_job job = sbi_precond_make_job(p, y, z, size);
+    job.with_result = 1;
+    sbi_precond_correct(&job);
+}
+
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *p, const sb_real *r, sb_real *z, double size)
 {
     sbi_precond_job job = sbi_precond_make_job(p, r, z, size);

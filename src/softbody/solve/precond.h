@@ -170,6 +170,12 @@ SBI_API void sbi_precond_apply(sb_preconditioner *preconditioner, const sb_real 
  * coarse space. spare [row_count][3] is for scratch. */
 SBI_API void sbi_precond_apply_symmetric(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size,
                                          sb_real *spare);
+/* The two halves of sbi_precond_apply, for whoever has more unknowns than the matrix and a coarse space of its own
+ * rows: z = S r, and then z = S r + Q (y - A S r) of the same call, y being what those unknowns have made of r. Both
+ * only where there is a coarse space. */
+SBI_API int sbi_precond_has_coarse(const sb_preconditioner *preconditioner);
+SBI_API void sbi_precond_apply_smoother(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
+SBI_API void sbi_precond_apply_coarse(sb_preconditioner *preconditioner, const sb_real *y, sb_real *z, double size);
 /* z = Q r: the part of the solution that the coarse space sees. Without one: returns 0, z untouched. */
 SBI_API int sbi_precond_coarse_solve(sb_preconditioner *preconditioner, const sb_real *r, sb_real *z, double size);
 /* After an application that was not positive definite: makes the smoother milder until the next update. 0: there is
