@@ -1,6 +1,8 @@
 /* Bodies whose mesh changes: slots, transactions, what follows, what is kept, and what is refused. */
 #include "softbody.h"
 
+#include <float.h>
+
 #include "check.h"
 #include "scene.h"
 
@@ -855,6 +857,18 @@ static void test_refused(void)
     CHECK_INT(error.element, 0);
     CHECK(sb_body_state_hash(s.body) == hash);
     sb_body_change_cancel(change);
+    /* a share of which rounding leaves nothing */
+    cell.nodes = nodes;
+    cell.share = REAL(2 * (SB_REAL_IS_FLOAT ? (double)FLT_MIN : DBL_MIN));
+    CHECK_OK(sb_body_change_begin(s.body, &change, &error));
+    CHECK_OK(sb_body_change_replace_cell(change, 0, &cell, &error));
+    CHECK_RESULT(sb_body_change_commit(change, &error), SB_ERROR_MESH);
+    CHECK_INT(error.element, 0);
+    CHECK(strstr(error.message, "element 0 is too small") != NULL);
+    CHECK(sb_body_state_hash(s.body) == hash);
+    sb_body_change_cancel(change);
+    cell.nodes = bad;
+    cell.share = 1;
     /* a node twice */
     CHECK_OK(sb_body_change_begin(s.body, &change, &error));
     bad[1] = bad[0];
